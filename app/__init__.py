@@ -1,0 +1,1 @@
+"""Breakaway: open-loop control through dry friction and stiction, served over HTTP."""

@@ -1,0 +1,1 @@
+"""HTTP: schemas, routes, errors, and the service behind the routes."""

@@ -1,0 +1,177 @@
+"""The routes: each reads a request, hands it on, and answers."""
+
+import platform
+from importlib.metadata import version
+from typing import Annotated, Any
+
+import numba
+import numpy
+import torch
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import RedirectResponse, Response
+
+from app.api.errors import MEDIA_TYPE
+from app.api.runtime import Runtime, choose_device
+from app.api.schemas import (
+    MAX_TARGETS,
+    Health,
+    Info,
+    Limits,
+    MethodDescription,
+    ModelDescription,
+    MultistepPlanRequest,
+    MultistepPlanResponse,
+    PlanRequest,
+    PlanResponse,
+    Problem,
+    describe_methods,
+)
+from app.api.service import PlanningService
+from app.inference.model_store import Model
+from app.planning.system import System
+
+router = APIRouter()
+
+
+def get_runtime(request: Request) -> Runtime:
+    """Return what the lifespan set up."""
+    runtime = request.state.runtime
+    assert isinstance(runtime, Runtime)
+    return runtime
+
+
+RuntimeDependency = Annotated[Runtime, Depends(get_runtime)]
+
+
+def get_service(runtime: RuntimeDependency) -> PlanningService:
+    """Return the planning service, once it is ready."""
+    return runtime.service
+
+
+ServiceDependency = Annotated[PlanningService, Depends(get_service)]
+
+
+def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]:
+    """Document answers that are problem+json."""
+    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
+    return {
+        status: {"description": text, "content": {MEDIA_TYPE: {"schema": schema}}}
+        for status, text in descriptions
+    }
+
+
+NOT_READY = (503, "The service is starting or draining.")
+PLAN_PROBLEMS = _problems(
+    (400, "The body is not JSON."),
+    (404, "No such model."),
+    (413, "The body is too large."),
+    (422, "A field is invalid, too large, or does not fit the model."),
+    (429, "The queue is full; Retry-After says when to come back."),
+    (500, "Planning failed."),
+    NOT_READY,
+)
+
+
+@router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])
+async def plan(
+    request: PlanRequest, service: ServiceDependency, runtime: RuntimeDependency
+) -> Response:
+    """Plan a control sequence from a start to a target."""
+
+    def answer(waited_ms: float) -> str:
+        return service.plan(request, waited_ms).model_dump_json(exclude_none=True)
+
+    return _json(await runtime.workers.run(answer, needs_network=_needs_network(request)))
+
+
+@router.post(
+    "/plan_multistep",
+    response_model=MultistepPlanResponse,
+    responses=PLAN_PROBLEMS,
+    tags=["planning"],
+)
+async def plan_multistep(
+    request: MultistepPlanRequest, service: ServiceDependency, runtime: RuntimeDependency
+) -> Response:
+    """Plan to several targets, each from the state that the plan before it reached."""
+
+    def answer(waited_ms: float) -> str:
+        return service.plan_multistep(request, waited_ms).model_dump_json(exclude_none=True)
+
+    return _json(await runtime.workers.run(answer, needs_network=_needs_network(request)))
+
+
+@router.get("/methods", tags=["about"])
+async def methods() -> list[MethodDescription]:
+    """List the planning methods with their options."""
+    return describe_methods()
+
+
+@router.get("/models", responses=_problems(NOT_READY), tags=["about"])
+async def models(service: ServiceDependency) -> list[ModelDescription]:
+    """List the models that plans can be made with."""
+    return [_describe(model) for model in service.models.models]
+
+
+@router.get("/info", tags=["about"])
+async def info(runtime: RuntimeDependency) -> Info:
+    """Say what runs here, and what it allows."""
+    limits = runtime.settings.model_dump(include=set(Limits.model_fields))
+    return Info(
+        name="breakaway",
+        version=version("breakaway"),
+        device=choose_device().type,
+        network_threads=runtime.network_threads,
+        libraries={
+            "python": platform.python_version(),
+            "torch": torch.__version__,
+            "numpy": numpy.__version__,
+            "numba": numba.__version__,
+        },
+        nominal_system=System(),
+        limits=Limits(max_targets=MAX_TARGETS, **limits),
+    )
+
+
+@router.get("/livez", tags=["health"])
+async def livez() -> Health:
+    """Say that the process answers."""
+    return Health(status="alive")
+
+
+@router.get(
+    "/readyz",
+    responses=_problems(NOT_READY),
+    dependencies=[Depends(get_service)],
+    tags=["health"],
+)
+async def readyz() -> Health:
+    """Say that plans can be made."""
+    return Health(status="ready")
+
+
+@router.get("/", include_in_schema=False)
+async def home() -> RedirectResponse:
+    """Send a browser to the documentation."""
+    return RedirectResponse("docs")
+
+
+def _needs_network(request: PlanRequest | MultistepPlanRequest) -> bool:
+    return request.method.cost(request.num_candidates).network_evaluations > 0
+
+
+def _json(body: str) -> Response:
+    return Response(body, media_type="application/json")
+
+
+def _describe(model: Model) -> ModelDescription:
+    manifest = model.manifest
+    return ModelDescription(
+        name=manifest.name,
+        version=str(manifest.version),
+        sha256=manifest.sha256,
+        system=manifest.system,
+        horizon=manifest.horizon,
+        diffusion_timesteps=len(manifest.alphas_cumprod),
+        validation_loss=manifest.losses.validation,
+    )

@@ -1,0 +1,164 @@
+"""The model store: finding, verifying and loading checkpoints.
+
+A store is `<name>/<version>/unet.pt` + `manifest.json`. All that knows of TorchScript is here.
+"""
+
+import hashlib
+import io
+import re
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import torch
+from pydantic import ValidationError
+
+from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
+from app.planning.system import System
+
+WARM_UP_BATCHES = (1, 2, 32)
+
+
+class ModelRejected(Exception):
+    """A checkpoint or its manifest is missing, damaged or not what its manifest says."""
+
+
+class UnknownModel(LookupError):
+    """No such model, or no such version of it, in the store."""
+
+
+class UnfitModel(LookupError):
+    """No model was trained for the asked-for plant and horizon."""
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A verified checkpoint, loaded on a device."""
+
+    manifest: Manifest
+    unet: torch.jit.ScriptModule
+    device: torch.device
+
+    @property
+    def label(self) -> str:
+        """`name/version`, as requests name it."""
+        return f"{self.manifest.name}/{self.manifest.version}"
+
+    def fits(self, system: System, horizon: int) -> bool:
+        """Say whether the model was trained for this plant and horizon."""
+        return (self.manifest.system, self.manifest.horizon) == (system, horizon)
+
+
+class ModelStore:
+    """The models of a service, by name and version."""
+
+    def __init__(self, models: list[Model]) -> None:
+        self.models = sorted(models, key=lambda m: (m.manifest.name, -m.manifest.version))
+
+    @classmethod
+    def load(cls, directory: Path, device: torch.device) -> Self:
+        """Verify, load and warm up every model under `directory`.
+
+        Raises:
+            ModelRejected: one of them is not what its manifest says; none is loaded then.
+        """
+        return cls([_load(path, device) for path in find_versions(directory)])
+
+    def find(self, reference: str) -> Model:
+        """Return the model called `name` (its latest version) or `name/version`.
+
+        Raises:
+            UnknownModel: there is none.
+        """
+        for model in self.models:
+            if reference in (model.manifest.name, model.label):
+                return model
+        raise UnknownModel(f"no model {reference!r}; there are: {self._labels()}")
+
+    def fitting(self, system: System, horizon: int) -> Model:
+        """Return the first model by name, in its latest version, that fits plant and horizon.
+
+        Raises:
+            UnfitModel: there is none.
+        """
+        for model in self.models:
+            if model.fits(system, horizon):
+                return model
+        raise UnfitModel(f"no model fits this plant and horizon; there are: {self._labels()}")
+
+    def _labels(self) -> str:
+        return ", ".join(model.label for model in self.models) or "none"
+
+
+def find_versions(directory: Path) -> list[Path]:
+    """Return the version folders of a store: every `<name>/<number>` with a manifest.
+
+    Raises:
+        ModelRejected: the store is not a directory.
+    """
+    if not directory.is_dir():
+        raise ModelRejected(f"the model store {directory} is not a directory")
+    return sorted(
+        manifest.parent
+        for manifest in directory.glob(f"*/*/{MANIFEST_FILE}")
+        if re.fullmatch(r"[1-9][0-9]*", manifest.parent.name)
+    )
+
+
+def verify(directory: Path) -> tuple[Manifest, bytes]:
+    """Read a version folder; return its manifest and the checkpoint's bytes, unexecuted.
+
+    The bytes that were hashed are the bytes to load: TorchScript is executable code.
+
+    Raises:
+        ModelRejected: a file cannot be read, the manifest is invalid or names another model, or
+            the checkpoint's sha256 is not the manifest's.
+    """
+    try:
+        manifest = Manifest.read(directory / MANIFEST_FILE)
+        checkpoint = (directory / CHECKPOINT_FILE).read_bytes()
+    except (OSError, ValidationError) as error:
+        raise ModelRejected(f"{directory}: {error}") from error
+    if (manifest.name, str(manifest.version)) != (directory.parent.name, directory.name):
+        raise ModelRejected(f"{directory}: the manifest is of {manifest.name}/{manifest.version}")
+    digest = hashlib.sha256(checkpoint).hexdigest()
+    if digest != manifest.sha256:
+        raise ModelRejected(
+            f"{directory / CHECKPOINT_FILE}: sha256 is {digest}, the manifest says "
+            f"{manifest.sha256}; the file was changed or damaged, and was not loaded"
+        )
+    return manifest, checkpoint
+
+
+def _load(directory: Path, device: torch.device) -> Model:
+    manifest, checkpoint = verify(directory)
+    try:
+        with warnings.catch_warnings():
+            # TorchScript is the checkpoint contract; its deprecation is known and planned for.
+            warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
+            script = torch.jit.load(  # type: ignore[no-untyped-call]
+                io.BytesIO(checkpoint), map_location=device
+            ).eval()
+            unet = torch.jit.freeze(script)
+        for batch in WARM_UP_BATCHES:
+            _warm_up(unet, manifest.horizon, batch, device)
+    except RuntimeError as error:
+        raise ModelRejected(f"{directory}: the checkpoint does not run: {error}") from error
+    return Model(manifest, unet, device)
+
+
+@torch.inference_mode()
+def _warm_up(unet: torch.jit.ScriptModule, horizon: int, batch: int, device: torch.device) -> None:
+    """Run the network often enough for its executor to profile, optimise and settle.
+
+    Raises:
+        RuntimeError: the network fails or answers in the wrong shape.
+    """
+    controls = torch.zeros(batch, 1, horizon, device=device)
+    t = torch.zeros(batch, dtype=torch.int64, device=device)
+    keep = torch.ones(batch, dtype=torch.bool, device=device)
+    for _ in range(3):
+        noise = unet(controls, t, torch.zeros(batch, 4, device=device), keep)
+        if noise.shape != controls.shape:
+            raise RuntimeError(f"the output has shape {tuple(noise.shape)}")

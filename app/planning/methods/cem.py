@@ -1,0 +1,125 @@
+"""The Cross-Entropy Method (Rubinstein 1999; paper, Sect. 4.4), compiled from end to end."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from app.planning.compilation import compiled
+from app.planning.methods.base import LearnedProposal
+from app.planning.problem import Candidates, Cost, Problem
+from app.planning.system import FloatArray, Parameters, terminal_state
+
+
+@dataclass(frozen=True, slots=True)
+class CEM:
+    """A Gaussian over control sequences, refitted to the elites of each iteration.
+
+    Raises:
+        ValueError: an option is out of its range.
+    """
+
+    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+
+    name: Literal["cem"] = "cem"
+    iterations: Annotated[int, Ge(1), Le(1000)] = 40
+    elite_fraction: Annotated[float, Gt(0), Le(1)] = 0.2
+    """Share of the candidates that the Gaussian is refitted to; at least two of them."""
+    initial_std: Annotated[float, Gt(0), Le(10)] = 2 / 3
+    """Standard deviation of the first Gaussian, as a fraction of u_max; its mean is zero."""
+    min_std: Annotated[float, Ge(0)] = 1e-3
+    """Floor of the refitted standard deviation, m/s^2."""
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1 or not 0 < self.elite_fraction <= 1:
+            raise ValueError("iterations must be positive and elite_fraction in (0, 1]")
+        if not (self.initial_std > 0 and math.isfinite(self.initial_std) and self.min_std >= 0):
+            raise ValueError("initial_std must be positive and finite, min_std not negative")
+
+    def propose(
+        self,
+        problem: Problem,
+        num_candidates: int,
+        rng: np.random.Generator,
+        learned: LearnedProposal | None,
+    ) -> Candidates:
+        """Return the last population (K, H), with the best sequence of all iterations in it."""
+        population = _optimise(
+            rng,
+            num_candidates,
+            problem.horizon,
+            problem.initial_state,
+            problem.target_state,
+            problem.system.parameters,
+            self.iterations,
+            min(num_candidates, max(2, int(self.elite_fraction * num_candidates))),
+            float(self.initial_std),
+            float(self.min_std),
+        )
+        return Candidates(population)
+
+    def cost(self, num_candidates: int) -> Cost:
+        """One rollout for each candidate of each iteration."""
+        return Cost(rollouts=self.iterations * num_candidates)
+
+
+@compiled
+def _optimise(
+    rng: np.random.Generator,
+    num_candidates: int,
+    horizon: int,
+    initial_state: FloatArray,
+    target_state: FloatArray,
+    parameters: Parameters,
+    iterations: int,
+    num_elites: int,
+    initial_std: float,
+    min_std: float,
+) -> FloatArray:
+    limit = parameters[3]
+    population = np.empty((num_candidates, horizon))
+    errors = np.empty(num_candidates)
+    mean = np.zeros(horizon)
+    std = np.full(horizon, initial_std * limit)
+    best = np.zeros(horizon)
+    best_error = np.inf
+    for iteration in range(iterations):
+        for candidate in range(num_candidates):
+            for k in range(horizon):
+                control = mean[k] + std[k] * rng.standard_normal()
+                population[candidate, k] = min(limit, max(-limit, control))
+            p, v = terminal_state(
+                population[candidate], initial_state[0], initial_state[1], parameters
+            )
+            errors[candidate] = math.hypot(p - target_state[0], v - target_state[1])
+        order = np.argsort(errors)
+        if errors[order[0]] < best_error:
+            best_error = errors[order[0]]
+            best[:] = population[order[0]]
+        if iteration + 1 < iterations:
+            _refit(population, order[:num_elites], mean, std, min_std)
+    if best_error < errors[order[0]]:
+        population[order[-1]] = best
+    return population
+
+
+@compiled
+def _refit(
+    population: FloatArray,
+    elites: "np.ndarray[tuple[int], np.dtype[np.int64]]",
+    mean: FloatArray,
+    std: FloatArray,
+    min_std: float,
+) -> None:
+    """Set `mean` and `std` (H,) to those of the elites, the latter no smaller than `min_std`."""
+    for k in range(mean.size):
+        total = 0.0
+        for elite in elites:
+            total += population[elite, k]
+        mean[k] = total / elites.size
+        squares = 0.0
+        for elite in elites:
+            squares += (population[elite, k] - mean[k]) ** 2
+        std[k] = max(min_std, math.sqrt(squares / elites.size))

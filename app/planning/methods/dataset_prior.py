@@ -1,0 +1,35 @@
+"""Random shooting from the prior of the training data (paper, Sect. 4.2), unconditioned."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from app.planning.methods.base import LearnedProposal
+from app.planning.prior import ControlPrior
+from app.planning.problem import Candidates, Cost, Problem
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetPrior:
+    """Dataset-prior random shooting, with the prior that it draws from."""
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    name: Literal["dataset_prior"] = "dataset_prior"
+    prior: ControlPrior = field(default_factory=ControlPrior)
+
+    def propose(
+        self,
+        problem: Problem,
+        num_candidates: int,
+        rng: np.random.Generator,
+        learned: LearnedProposal | None,
+    ) -> Candidates:
+        """Draw (K, H) controls from the prior."""
+        limit = problem.system.control_limit
+        return Candidates(self.prior.sample(num_candidates, problem.horizon, limit, rng))
+
+    def cost(self, num_candidates: int) -> Cost:
+        """Sampling alone costs nothing that is counted."""
+        return Cost()

@@ -1,0 +1,44 @@
+"""The paper's measures of a plan (Sect. 4.5). Every function takes one plan or a stack of them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.planning.system import FloatArray, System
+
+POSITION_TOLERANCE = 0.01
+"""delta, m: a mass closer to its target than this is not stuck, it has arrived."""
+
+
+def terminal_error(terminal_states: FloatArray, target_state: FloatArray) -> FloatArray:
+    """Return ||x_H - x*||_2 of states (..., 2): shape (...) (paper, Eq. 5)."""
+    return np.asarray(np.linalg.norm(terminal_states - target_state, axis=-1))
+
+
+def control_energy(controls: FloatArray) -> FloatArray:
+    """Return E_u = sum_k u_k^2 of controls (..., H), in (m/s^2)^2: shape (...)."""
+    return np.asarray(np.sum(controls**2, axis=-1))
+
+
+def control_smoothness(controls: FloatArray) -> FloatArray:
+    """Return S_u = sum_k (u_{k+1} - u_k)^2 of controls (..., H), in (m/s^2)^2: shape (...)."""
+    return np.asarray(np.sum(np.diff(controls, axis=-1) ** 2, axis=-1))
+
+
+def stuck_steps(
+    states: FloatArray, controls: FloatArray, target_position: float, system: System
+) -> NDArray[np.int64]:
+    """Return N_stuck: steps at rest, below the threshold of static friction and off the target.
+
+    Args:
+        states: (..., H+1, 2); the last state, which no control follows, does not count.
+        controls: (..., H).
+        target_position: p*, m.
+        system: the plant.
+    """
+    position, velocity = states[..., :-1, 0], states[..., :-1, 1]
+    stuck = (
+        (np.abs(velocity) < system.velocity_threshold)
+        & (np.abs(controls) < system.static_friction)
+        & (np.abs(position - target_position) > POSITION_TOLERANCE)
+    )
+    return np.asarray(np.count_nonzero(stuck, axis=-1))

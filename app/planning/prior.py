@@ -1,0 +1,107 @@
+"""The structured control prior of the training data (paper, Sect. 4.2)."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Interval, Le
+
+from app.planning.compilation import compiled
+from app.planning.system import FloatArray
+
+Fraction = Annotated[float, Interval(ge=0, le=1)]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlPrior:
+    """Piecewise constant kicks, medium and near-zero inputs, smoothed by a first-order filter.
+
+    Magnitudes are fractions of the control limit u_max.
+
+    Raises:
+        ValueError: a value is out of its range, or the two probabilities exceed 1 together.
+    """
+
+    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+
+    num_segments: Annotated[int, Ge(1), Le(1024)] = 8
+    kick_probability: Fraction = 0.4
+    medium_probability: Fraction = 0.4
+    """What the two leave of 1 is the probability of a near-zero segment."""
+    kick_minimum: Fraction = 0.75
+    medium_maximum: Fraction = 0.6
+    near_zero_maximum: Fraction = 0.15
+    filter_coefficient: Fraction = 0.3
+    """alpha in y[k] = alpha*y[k-1] + (1-alpha)*s[k], y[-1] = s[0]."""
+
+    def __post_init__(self) -> None:
+        fractions = (
+            self.kick_probability,
+            self.medium_probability,
+            self.kick_minimum,
+            self.medium_maximum,
+            self.near_zero_maximum,
+            self.filter_coefficient,
+        )
+        if self.num_segments < 1 or not all(0 <= value <= 1 for value in fractions):
+            raise ValueError("num_segments must be positive, every other value within [0, 1]")
+        if self.kick_probability + self.medium_probability > 1 + 1e-12:
+            raise ValueError("kick_probability + medium_probability must not exceed 1")
+
+    def sample(
+        self,
+        num_candidates: int,
+        horizon: int,
+        control_limit: float,
+        rng: np.random.Generator,
+    ) -> FloatArray:
+        """Draw `num_candidates` control sequences; return (K, H) in m/s^2 within the limit."""
+        return _sample(
+            rng,
+            num_candidates,
+            horizon,
+            float(control_limit),
+            self.num_segments,
+            float(self.kick_probability),
+            float(self.medium_probability),
+            float(self.kick_minimum),
+            float(self.medium_maximum),
+            float(self.near_zero_maximum),
+            float(self.filter_coefficient),
+        )
+
+
+@compiled
+def _sample(
+    rng: np.random.Generator,
+    num_candidates: int,
+    horizon: int,
+    control_limit: float,
+    num_segments: int,
+    kick_probability: float,
+    medium_probability: float,
+    kick_minimum: float,
+    medium_maximum: float,
+    near_zero_maximum: float,
+    filter_coefficient: float,
+) -> FloatArray:
+    controls = np.empty((num_candidates, horizon))
+    segments = np.empty(num_segments)
+    for candidate in range(num_candidates):
+        for segment in range(num_segments):
+            mode = rng.random()
+            value = 2.0 * rng.random() - 1.0
+            if mode < kick_probability:
+                magnitude = kick_minimum + (1.0 - kick_minimum) * abs(value)
+                segments[segment] = magnitude if value >= 0.0 else -magnitude
+            elif mode < kick_probability + medium_probability:
+                segments[segment] = medium_maximum * value
+            else:
+                segments[segment] = near_zero_maximum * value
+        filtered = segments[0]
+        for k in range(horizon):
+            segment_value = segments[k * num_segments // horizon]
+            filtered = filter_coefficient * filtered + (1.0 - filter_coefficient) * segment_value
+            # A convex combination of values within [-1, 1]; the clip only guards the last bit.
+            controls[candidate, k] = control_limit * min(1.0, max(-1.0, filtered))
+    return controls

@@ -1,0 +1,1 @@
+"""Offline training: prior -> data set -> U-Net -> EMA -> checkpoint in a model store."""

@@ -1,0 +1,258 @@
+"""The training loop: resumable at any step, and the same weights however often it was stopped.
+
+Every random draw of step n comes from a generator seeded by (seed, purpose, n), so a step needs
+nothing from the one before it but the weights and the optimiser's state.
+"""
+
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import lru_cache
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from tqdm import tqdm
+
+from training.config import TrainingConfig
+from training.dataset import Standardisation, TrainingSet, sample_transitions
+from training.files import write_atomically
+from training.schedule import cosine_alphas_cumprod
+from training.unet import UNet
+
+SAVE_INTERVAL = 250
+VALIDATION_BATCH = 1000
+
+log = logging.getLogger("training")
+
+
+class TrainingInterrupted(Exception):
+    """A signal asked the run to stop; its state is saved."""
+
+
+class Stream(IntEnum):
+    """What a random generator is for."""
+
+    TRAINING_DATA = 0
+    VALIDATION_DATA = 1
+    WEIGHTS = 2
+    SHUFFLE = 3
+    STEP = 4
+    VALIDATION = 5
+
+
+@dataclass(frozen=True, slots=True)
+class LossRecord:
+    """Mean training loss since the record before, and the loss of the averaged weights."""
+
+    step: int
+    training: float
+    validation: float
+
+
+@dataclass(slots=True)
+class Progress:
+    """Where a run stands, weights aside."""
+
+    step: int = 0
+    loss_sum: float = 0.0
+    """Of the training losses since the last record."""
+    history: list[LossRecord] = field(default_factory=list)
+
+
+class Trainer:
+    """One training run: data, network, optimiser, averaged weights and progress.
+
+    Args:
+        config: decides everything.
+        run_directory: holds the run's state; an existing one is resumed.
+        device: where the network runs; the random draws are the same everywhere.
+
+    Raises:
+        ValueError: the run directory belongs to another configuration.
+    """
+
+    def __init__(self, config: TrainingConfig, run_directory: Path, device: torch.device) -> None:
+        self.config = config
+        self.device = device
+        self._state_file = run_directory / "state.pt"
+
+        data = config.data
+        training = sample_transitions(
+            config, data.training_samples, self._rng(Stream.TRAINING_DATA)
+        )
+        validation = sample_transitions(
+            config, data.validation_samples, self._rng(Stream.VALIDATION_DATA)
+        )
+        self.standardisation = Standardisation.of(training)
+        prepare = (self.standardisation, config.system.control_limit, device)
+        self._training = TrainingSet.prepare(training, *prepare)
+        self._validation = TrainingSet.prepare(validation, *prepare)
+        self.alphas_cumprod = cosine_alphas_cumprod(config.diffusion.num_timesteps)
+        self._alphas = torch.tensor(self.alphas_cumprod, dtype=torch.float32, device=device)
+        self._permutation = lru_cache(maxsize=1)(self._shuffle)
+
+        torch.manual_seed(int(self._rng(Stream.WEIGHTS).integers(2**63)))
+        self._unet = UNet(config.network).to(device)
+        self._optimiser = torch.optim.Adam(
+            self._unet.parameters(), lr=config.optimisation.learning_rate, fused=True
+        )
+        average = get_ema_multi_avg_fn(  # type: ignore[no-untyped-call]
+            config.optimisation.ema_decay
+        )
+        self._average = AveragedModel(self._unet, multi_avg_fn=average)
+        self.progress = Progress()
+        if self._state_file.exists():
+            self._load()
+
+    @property
+    def averaged_unet(self) -> UNet:
+        """The network with averaged weights, for export."""
+        unet = self._average.module
+        assert isinstance(unet, UNet)
+        return unet
+
+    def run(self) -> None:
+        """Train to the last step, with a progress bar; log and record at every validation.
+
+        Raises:
+            TrainingInterrupted: SIGINT or SIGTERM came; the state is saved.
+        """
+        optimisation = self.config.optimisation
+        progress = self.progress
+        first, started = progress.step, perf_counter()
+        with (
+            _signals_noticed() as signals,
+            tqdm(total=optimisation.steps, initial=progress.step, unit="step", disable=None) as bar,
+        ):
+            while progress.step < optimisation.steps:
+                loss = self._step(progress.step)
+                progress.step += 1
+                progress.loss_sum += loss
+                bar.update()
+                bar.set_postfix(loss=f"{loss:.4f}", refresh=False)
+                last = progress.step == optimisation.steps
+                if last or progress.step % optimisation.validation_interval == 0:
+                    self._record((progress.step - first) / (perf_counter() - started))
+                if last or signals or progress.step % SAVE_INTERVAL == 0:
+                    self._save()
+                if signals and not last:
+                    raise TrainingInterrupted(f"stopped at step {progress.step}, state saved")
+
+    def _rng(self, stream: Stream, index: int = 0) -> np.random.Generator:
+        return np.random.default_rng([self.config.seed, stream, index])
+
+    def _shuffle(self, epoch: int) -> Tensor:
+        order = self._rng(Stream.SHUFFLE, epoch).permutation(self.config.data.training_samples)
+        return torch.from_numpy(order).to(self.device)
+
+    def _loss(
+        self, unet: nn.Module, controls: Tensor, conditions: Tensor, rng: np.random.Generator
+    ) -> Tensor:
+        """Mean-squared error of the predicted noise, conditions dropped (paper, Eqs. 2 and 3)."""
+        rows = len(controls)
+        diffusion = self.config.diffusion
+        t = torch.from_numpy(rng.integers(diffusion.num_timesteps, size=rows)).to(self.device)
+        keep = torch.from_numpy(rng.random(rows) >= diffusion.drop_probability).to(self.device)
+        noise_draw = rng.standard_normal(tuple(controls.shape), dtype=np.float32)
+        noise = torch.from_numpy(noise_draw).to(self.device)
+        signal = self._alphas[t].view(-1, 1, 1)
+        noisy = signal.sqrt() * controls + (1 - signal).sqrt() * noise
+        return nn.functional.mse_loss(unet(noisy, t, conditions, keep), noise)
+
+    def _step(self, step: int) -> float:
+        """Take optimiser step number `step` (from 0); return its loss."""
+        batch_size = self.config.optimisation.batch_size
+        epoch, batch = divmod(step, self.config.data.training_samples // batch_size)
+        rows = self._permutation(epoch)[batch * batch_size : (batch + 1) * batch_size]
+        loss = self._loss(
+            self._unet,
+            self._training.controls[rows],
+            self._training.conditions[rows],
+            self._rng(Stream.STEP, step),
+        )
+        self._optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimiser.step()
+        self._average.update_parameters(self._unet)
+        value = loss.item()
+        if not np.isfinite(value):
+            raise FloatingPointError(f"the loss is {value} at step {step}")
+        return value
+
+    @torch.no_grad()
+    def _validate(self) -> float:
+        """Return the loss of the averaged weights on the held-out set, with the same draws ever."""
+        total = 0.0
+        rows = len(self._validation.controls)
+        for batch, start in enumerate(range(0, rows, VALIDATION_BATCH)):
+            controls = self._validation.controls[start : start + VALIDATION_BATCH]
+            conditions = self._validation.conditions[start : start + VALIDATION_BATCH]
+            rng = self._rng(Stream.VALIDATION, batch)
+            loss = self._loss(self._average.module, controls, conditions, rng)
+            total += loss.item() * len(controls)
+        return total / rows
+
+    def _record(self, steps_per_second: float) -> None:
+        progress = self.progress
+        previous = progress.history[-1].step if progress.history else 0
+        training = progress.loss_sum / (progress.step - previous)
+        record = LossRecord(progress.step, training, self._validate())
+        progress.history.append(record)
+        progress.loss_sum = 0.0
+        log.info(
+            "step %d/%d training loss %.5f validation loss %.5f (%.2f steps/s)",
+            record.step,
+            self.config.optimisation.steps,
+            record.training,
+            record.validation,
+            steps_per_second,
+        )
+
+    def _save(self) -> None:
+        state = {
+            "config": self.config.model_dump_json(),
+            "step": self.progress.step,
+            "loss_sum": self.progress.loss_sum,
+            "history": [(r.step, r.training, r.validation) for r in self.progress.history],
+            "unet": self._unet.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "average": self._average.state_dict(),
+        }
+        write_atomically(self._state_file, lambda file: torch.save(state, file))
+
+    def _load(self) -> None:
+        state = torch.load(self._state_file, map_location=self.device, weights_only=True)
+        if state["config"] != self.config.model_dump_json():
+            raise ValueError(
+                f"{self._state_file} belongs to a run with another configuration; "
+                "delete it or choose another run directory"
+            )
+        self._unet.load_state_dict(state["unet"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self._average.load_state_dict(state["average"])
+        self.progress = Progress(
+            state["step"], state["loss_sum"], [LossRecord(*row) for row in state["history"]]
+        )
+        log.info("resumed at step %d", self.progress.step)
+
+
+@contextmanager
+def _signals_noticed() -> Iterator[list[int]]:
+    """Collect SIGINT and SIGTERM in the yielded list instead of acting on them."""
+    received: list[int] = []
+    handlers = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield received
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from app.api.errors import install_error_handlers
+from app.api.middleware import BodyLimit
 from app.api.routes import router
 from app.api.runtime import Runtime
 from app.settings import Settings
@@ -32,8 +33,8 @@ def create_app(settings: Settings) -> FastAPI:
         version=version("breakaway"),
         lifespan=lifespan,
         redoc_url=None,
-        max_body_size=settings.max_body_bytes,
     )
     install_error_handlers(app)
+    app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes)
     app.include_router(router)
     return app

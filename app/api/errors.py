@@ -77,7 +77,7 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected)
     app.add_exception_handler(BeyondLimit, _beyond_limit)
     _install(app, InvalidStepCount, lambda r, e: _one_field(r, "/method/steps", e))
-    _install(app, UnfitModel, lambda r, e: _one_field(r, "/model", e))
+    _install(app, UnfitModel, lambda r, e: _one_field(r, "/system", e))
     _install(
         app,
         UnknownModel,
@@ -179,4 +179,12 @@ def _detail(item: dict[str, Any]) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         name = "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
         return f"{name} is not a finite number"
+    match item["type"]:
+        case "union_tag_invalid":
+            context = item["ctx"]
+            return f"no method {context['tag']!r}; there are: {context['expected_tags']}"
+        case "union_tag_not_found":
+            return "the method's name is missing"
+        case "model_attributes_type":
+            return "must be an object"
     return str(item["msg"]).removeprefix("Value error, ")

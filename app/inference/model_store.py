@@ -85,7 +85,9 @@ class ModelStore:
         for model in self.models:
             if model.fits(system, horizon):
                 return model
-        raise UnfitModel(f"no model fits this plant and horizon; there are: {self._labels()}")
+        raise UnfitModel(
+            f"no model was trained for {system} and horizon {horizon}; there are: {self._labels()}"
+        )
 
     def _labels(self) -> str:
         return ", ".join(model.label for model in self.models) or "none"

@@ -7,6 +7,7 @@ import numpy as np
 from annotated_types import Ge, Interval, Le
 
 from app.planning.compilation import compiled
+from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.system import FloatArray
 
 Fraction = Annotated[float, Interval(ge=0, le=1)]
@@ -17,12 +18,9 @@ class ControlPrior:
     """Piecewise constant kicks, medium and near-zero inputs, smoothed by a first-order filter.
 
     Magnitudes are fractions of the control limit u_max.
-
-    Raises:
-        ValueError: a value is out of its range, or the two probabilities exceed 1 together.
     """
 
-    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+    __pydantic_config__ = OPTION_CHECKS
 
     num_segments: Annotated[int, Ge(1), Le(1024)] = 8
     kick_probability: Fraction = 0.4
@@ -35,16 +33,12 @@ class ControlPrior:
     """alpha in y[k] = alpha*y[k-1] + (1-alpha)*s[k], y[-1] = s[0]."""
 
     def __post_init__(self) -> None:
-        fractions = (
-            self.kick_probability,
-            self.medium_probability,
-            self.kick_minimum,
-            self.medium_maximum,
-            self.near_zero_maximum,
-            self.filter_coefficient,
-        )
-        if self.num_segments < 1 or not all(0 <= value <= 1 for value in fractions):
-            raise ValueError("num_segments must be positive, every other value within [0, 1]")
+        """Check the ranges.
+
+        Raises:
+            ValueError: a value is out of its range, or the two probabilities exceed 1 together.
+        """
+        check_ranges(self)
         if self.kick_probability + self.medium_probability > 1 + 1e-12:
             raise ValueError("kick_probability + medium_probability must not exceed 1")
 

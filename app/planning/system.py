@@ -1,7 +1,7 @@
 """The plant: a unit mass with Coulomb friction, viscous damping and stiction, and its rollouts."""
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -9,6 +9,7 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from app.planning.compilation import compiled
+from app.planning.options import OPTION_CHECKS, check_ranges
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = tuple[float, float, float, float, float, float]
@@ -16,14 +17,9 @@ Parameters: TypeAlias = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """Parameters of the plant, per unit mass (paper, Table 2 and Eq. 6).
+    """Parameters of the plant, per unit mass (paper, Table 2 and Eq. 6)."""
 
-    Raises:
-        ValueError: a parameter is not finite or out of range, Coulomb friction exceeds static
-            friction, or the damping is too strong for the time step.
-    """
-
-    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+    __pydantic_config__ = OPTION_CHECKS
 
     static_friction: Annotated[float, Ge(0)] = 0.7
     """f_s, m/s^2: a mass at rest moves only if |u| exceeds it."""
@@ -39,12 +35,13 @@ class System:
     """eps_v, m/s: slower than this counts as at rest."""
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in astuple(self)):
-            raise ValueError("every parameter of the system must be a finite number")
-        if min(self.static_friction, self.coulomb_friction, self.viscous_damping) < 0:
-            raise ValueError("friction and damping must not be negative")
-        if min(self.control_limit, self.time_step, self.velocity_threshold) <= 0:
-            raise ValueError("control_limit, time_step and velocity_threshold must be positive")
+        """Check the ranges.
+
+        Raises:
+            ValueError: a parameter is not finite or out of range, Coulomb friction exceeds
+                static friction, or the damping is too strong for the time step.
+        """
+        check_ranges(self)
         if self.coulomb_friction > self.static_friction:
             raise ValueError("coulomb_friction must not exceed static_friction")
         if self.viscous_damping * self.time_step >= 1:

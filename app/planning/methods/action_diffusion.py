@@ -1,6 +1,5 @@
 """Action Diffusion (paper, Sect. 3): candidates from the learned p_theta(u | x0, x*)."""
 
-import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -8,18 +7,15 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from app.planning.methods.base import LearnedProposal
+from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
 
 
 @dataclass(frozen=True, slots=True)
 class ActionDiffusion:
-    """Sampling from the diffusion model with classifier-free guidance.
+    """Sampling from the diffusion model with classifier-free guidance."""
 
-    Raises:
-        ValueError: an option is out of its range.
-    """
-
-    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["action_diffusion"] = "action_diffusion"
     sampler: Literal["ddim"] = "ddim"
@@ -29,10 +25,12 @@ class ActionDiffusion:
     """s: 0 ignores the states, 1 samples the conditional model, above 1 sharpens it."""
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise ValueError("steps must be positive")
-        if not (math.isfinite(self.guidance_scale) and self.guidance_scale >= 0):
-            raise ValueError("guidance_scale must be finite and not negative")
+        """Check the ranges.
+
+        Raises:
+            ValueError: an option is out of its range.
+        """
+        check_ranges(self)
 
     def propose(
         self,

@@ -9,19 +9,16 @@ from annotated_types import Ge, Gt, Le
 
 from app.planning.compilation import compiled
 from app.planning.methods.base import LearnedProposal
+from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.system import FloatArray, Parameters, terminal_state
 
 
 @dataclass(frozen=True, slots=True)
 class CEM:
-    """A Gaussian over control sequences, refitted to the elites of each iteration.
+    """A Gaussian over control sequences, refitted to the elites of each iteration."""
 
-    Raises:
-        ValueError: an option is out of its range.
-    """
-
-    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["cem"] = "cem"
     iterations: Annotated[int, Ge(1), Le(1000)] = 40
@@ -33,10 +30,12 @@ class CEM:
     """Floor of the refitted standard deviation, m/s^2."""
 
     def __post_init__(self) -> None:
-        if self.iterations < 1 or not 0 < self.elite_fraction <= 1:
-            raise ValueError("iterations must be positive and elite_fraction in (0, 1]")
-        if not (self.initial_std > 0 and math.isfinite(self.initial_std) and self.min_std >= 0):
-            raise ValueError("initial_std must be positive and finite, min_std not negative")
+        """Check the ranges.
+
+        Raises:
+            ValueError: an option is out of its range.
+        """
+        check_ranges(self)
 
     def propose(
         self,

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from app.planning.methods.base import LearnedProposal
+from app.planning.options import OPTION_CHECKS
 from app.planning.prior import ControlPrior
 from app.planning.problem import Candidates, Cost, Problem
 
@@ -14,7 +15,7 @@ from app.planning.problem import Candidates, Cost, Problem
 class DatasetPrior:
     """Dataset-prior random shooting, with the prior that it draws from."""
 
-    __pydantic_config__ = {"extra": "forbid"}
+    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["dataset_prior"] = "dataset_prior"
     prior: ControlPrior = field(default_factory=ControlPrior)

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from app.planning.methods.base import LearnedProposal
+from app.planning.options import OPTION_CHECKS
 from app.planning.problem import Candidates, Cost, Problem
 
 
@@ -13,7 +14,7 @@ from app.planning.problem import Candidates, Cost, Problem
 class Uniform:
     """Uniform random shooting; it has no options."""
 
-    __pydantic_config__ = {"extra": "forbid"}
+    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["uniform"] = "uniform"
 

@@ -1,0 +1,51 @@
+"""Dataclasses of options whose fields carry their ranges, checked wherever they are made.
+
+The ranges stand once, in the annotations: the service's schemas read them there too.
+"""
+
+import math
+from dataclasses import fields
+from functools import cache
+from typing import Any, get_type_hints
+
+from annotated_types import BaseMetadata, Ge, Gt, Interval, Le, Lt
+
+OPTION_CHECKS = {"extra": "forbid", "allow_inf_nan": False, "use_attribute_docstrings": True}
+"""Pydantic's configuration, as plain data: the domain does not import the library."""
+
+
+def check_ranges(options: object) -> None:
+    """Check the numbers of a dataclass against the ranges in its annotations.
+
+    Raises:
+        ValueError: a number is not finite or out of its range.
+    """
+    for name, constraints in _constraints(type(options)):  # type: ignore[arg-type]
+        value = getattr(options, name)
+        if not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number")
+        for constraint in constraints:
+            match constraint:
+                case Gt(bound) if not value > bound:
+                    raise ValueError(f"{name} must be greater than {bound}")
+                case Ge(bound) if not value >= bound:
+                    raise ValueError(f"{name} must be at least {bound}")
+                case Lt(bound) if not value < bound:
+                    raise ValueError(f"{name} must be less than {bound}")
+                case Le(bound) if not value <= bound:
+                    raise ValueError(f"{name} must be at most {bound}")
+
+
+@cache
+def _constraints(options: type) -> list[tuple[str, list[BaseMetadata]]]:
+    """Return the numeric fields of a dataclass, each with its single-sided constraints."""
+    hints = get_type_hints(options, include_extras=True)
+    return [
+        (field.name, [part for item in metadata for part in _parts(item)])
+        for field in fields(options)
+        if (metadata := getattr(hints[field.name], "__metadata__", None))
+    ]
+
+
+def _parts(item: Any) -> list[BaseMetadata]:
+    return list(item) if isinstance(item, Interval) else [item]

@@ -6,13 +6,18 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from pydantic import ValidationError
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
 from app.settings import Settings
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from app.api.schemas import PlanResponse
+    from app.client.multistep_random import Result
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
@@ -110,12 +115,112 @@ def plan(
 
 
 @app.command()
+def evaluate(
+    methods: Annotated[
+        list[str] | None, typer.Option("--method", help="A method; may be repeated. [default: all]")
+    ] = None,
+    budgets: Annotated[
+        list[int] | None,
+        typer.Option("--num-candidates", "-k", help="K; may be repeated. [default: 16 32 128]"),
+    ] = None,
+    num_sequences: Annotated[int, typer.Option("--sequences", min=1)] = 30,
+    num_runs: Annotated[int, typer.Option("--runs", min=1, help="Runs of each sequence.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Decides the tasks.")] = 0,
+    url: Annotated[
+        str | None, typer.Option(help="A running service. [default: one in this process]")
+    ] = None,
+) -> None:
+    """Redo the paper's random multi-step evaluation (Table 2), the paper's numbers beside."""
+    import asyncio
+
+    import httpx
+
+    try:
+        asyncio.run(
+            _evaluate(
+                url,
+                methods or ["dataset_prior", "cem", "action_diffusion"],
+                budgets or [16, 32, 128],
+                num_sequences,
+                num_runs,
+                seed,
+            )
+        )
+    except httpx.HTTPStatusError as error:
+        _fail(f"the service refused: {error.response.text}")
+    except (httpx.HTTPError, TimeoutError) as error:
+        _fail(f"no answer from the service: {error}")
+    except ValidationError as error:
+        _fail(_explain(error))
+
+
+async def _evaluate(
+    url: str | None,
+    methods: list[str],
+    budgets: list[int],
+    num_sequences: int,
+    num_runs: int,
+    seed: int,
+) -> None:
+    from contextlib import AsyncExitStack
+
+    import httpx
+    from asgi_lifespan import LifespanManager
+
+    from app.client.multistep_random import evaluate, wait_until_ready
+    from app.main import create_app
+
+    async with AsyncExitStack() as stack:
+        transport: httpx.AsyncBaseTransport | None = None
+        if url is None:
+            service = await stack.enter_async_context(LifespanManager(create_app(_settings([]))))
+            transport = httpx.ASGITransport(service.app)
+        client = await stack.enter_async_context(
+            httpx.AsyncClient(
+                base_url=url or "http://in-process", transport=transport, timeout=None
+            )
+        )
+        await wait_until_ready(client)
+        typer.echo(
+            f"{num_sequences} sequences x {num_runs} runs, seed {seed}: mean ± standard deviation "
+            "(the paper's mean)"
+        )
+        header = ("method", "K", "mean end error", "final error", "stuck steps", "ms a plan")
+        typer.echo("{:<17}{:>4}{:>23}{:>16}{:>21}{:>12}".format(*header))
+        async for result in evaluate(client, methods, budgets, num_sequences, num_runs, seed):
+            typer.echo(_evaluation_row(result))
+
+
+def _evaluation_row(result: "Result") -> str:
+    def spread(values: "NDArray[np.float64]", digits: int) -> str:
+        return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
+
+    paper = result.paper
+    end_error = spread(result.mean_end_errors, 3) + (f" ({paper.mean_end_error})" if paper else "")
+    stuck = spread(result.stuck_steps, 1) + (f" ({paper.stuck_steps})" if paper else "")
+    return (
+        f"{result.method:<17}{result.num_candidates:>4}{end_error:>23}"
+        f"{spread(result.final_errors, 3):>16}{stuck:>21}"
+        f"{result.compute_ms.mean() / 3:>12.1f}"
+    )
+
+
+@app.command()
+def bench() -> None:
+    """Measure rollouts, CEM, HTTP and the start, side by side in one run."""
+    from app.benchmark import run
+
+    for line in run():
+        typer.echo(line)
+
+
+@app.command()
 def models() -> None:
     """List the models of the store, each checked against its manifest."""
     from app.inference.model_store import ModelRejected, find_versions, verify
 
     store = _settings([]).model_store
-    table = Table("model", "version", "f_s", "f_c", "b", "u_max", "H", "validation loss", "sha256")
+    table = Table("model", "f_s", "f_c", "b", "u_max", "H", "validation loss", "sha256", box=SIMPLE)
     rejected = []
     try:
         for directory in find_versions(store):
@@ -126,8 +231,7 @@ def models() -> None:
                 continue
             system = manifest.system
             table.add_row(
-                manifest.name,
-                str(manifest.version),
+                f"{manifest.name}/{manifest.version}",
                 f"{system.static_friction:g}",
                 f"{system.coulomb_friction:g}",
                 f"{system.viscous_damping:g}",

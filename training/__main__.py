@@ -44,7 +44,10 @@ def main(
     except (OSError, tomllib.TOMLDecodeError, ValidationError) as error:
         sys.exit(f"cannot train: {error}")
     directory = run_directory or Path(".training") / f"{settings.name}-{settings.version}"
-    log_file = _log_to(directory)
+    try:
+        log_file = _log_to(directory)
+    except OSError as error:
+        sys.exit(f"cannot train: {error}")
     matplotlib.use("Agg")
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     threads = torch.get_num_threads()
@@ -57,7 +60,7 @@ def main(
         except TrainingInterrupted as interruption:
             log.info("%s; the same command goes on from there", interruption)
             sys.exit(INTERRUPTED)
-        except ValueError as error:
+        except (ValueError, FloatingPointError, OSError) as error:
             sys.exit(f"cannot train: {error}")
     log.info("done")
     print(export(trainer, model_store, log_file))

@@ -22,7 +22,8 @@ class _Section(BaseModel):
 class DataConfig(_Section):
     """How many transitions, of which horizon, from which initial states (uniform)."""
 
-    horizon: PositiveInt
+    horizon: Annotated[int, Field(ge=4, multiple_of=2)]
+    """The U-Net halves it once, and normalises over what is left."""
     training_samples: PositiveInt
     validation_samples: PositiveInt
     position_range: tuple[float, float]
@@ -33,8 +34,6 @@ class DataConfig(_Section):
         for low, high in (self.position_range, self.velocity_range):
             if not low < high:
                 raise ValueError("a range is [low, high] with low < high")
-        if self.horizon % 2:
-            raise ValueError("the U-Net halves the horizon once: it must be even")
         return self
 
 

@@ -18,8 +18,8 @@ def write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
             write(file)
             file.flush()
             os.fsync(file.fileno())
+            temporary.chmod(0o644)
+            temporary.replace(path)
         except BaseException:
             temporary.unlink()
             raise
-    temporary.chmod(0o644)
-    temporary.replace(path)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
 from pathlib import Path
+from pickle import UnpicklingError
 from time import perf_counter
 
 import numpy as np
@@ -75,7 +76,7 @@ class Trainer:
         device: where the network runs; the random draws are the same everywhere.
 
     Raises:
-        ValueError: the run directory belongs to another configuration.
+        ValueError: the run directory belongs to another configuration, or is damaged.
     """
 
     def __init__(self, config: TrainingConfig, run_directory: Path, device: torch.device) -> None:
@@ -123,6 +124,7 @@ class Trainer:
 
         Raises:
             TrainingInterrupted: SIGINT or SIGTERM came; the state is saved.
+            FloatingPointError: the loss is not finite any more.
         """
         optimisation = self.config.optimisation
         progress = self.progress
@@ -228,7 +230,10 @@ class Trainer:
         write_atomically(self._state_file, lambda file: torch.save(state, file))
 
     def _load(self) -> None:
-        state = torch.load(self._state_file, map_location=self.device, weights_only=True)
+        try:
+            state = torch.load(self._state_file, map_location=self.device, weights_only=True)
+        except (RuntimeError, EOFError, UnpicklingError) as error:
+            raise ValueError(f"{self._state_file} is damaged; delete it: {error}") from error
         if state["config"] != self.config.model_dump_json():
             raise ValueError(
                 f"{self._state_file} belongs to a run with another configuration; "

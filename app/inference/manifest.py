@@ -26,7 +26,7 @@ class Losses(BaseModel):
 class Manifest(BaseModel):
     """All that the service must know of a checkpoint beside its weights."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     format_version: Literal[1] = 1
     name: ModelName

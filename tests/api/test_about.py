@@ -1,0 +1,107 @@
+"""The other routes: health, models, methods, info, documentation."""
+
+import json
+import shutil
+from pathlib import Path
+
+import httpx
+
+from app.api.schemas import PlanRequest
+from app.settings import Settings
+from tests.serving import serving, wait_until_ready
+
+
+def test_the_service_is_alive_before_it_is_ready(model_store: Path) -> None:
+    with serving(Settings(model_store=model_store)) as client:
+        assert client.get("/livez").json() == {"status": "alive"}
+        early = client.get("/readyz")
+        assert early.status_code == 503
+        assert early.headers["content-type"] == "application/problem+json"
+        assert "starting" in early.json()["detail"]
+        body = {"initial_state": [0, 0], "target_state": [0.2, 0]}
+        assert client.post("/plan", json=body).status_code == 503
+        wait_until_ready(client)
+        assert client.get("/readyz").json() == {"status": "ready"}
+        assert client.post("/plan", json=body).status_code == 200
+
+
+def test_a_tampered_model_is_never_served(model_store: Path, tmp_path: Path) -> None:
+    shutil.copytree(model_store, tmp_path, dirs_exist_ok=True)
+    checkpoint = tmp_path / "tiny" / "1" / "unet.pt"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:-1] + b"x")
+    with serving(Settings(model_store=tmp_path)) as client:
+        detail = ""
+        while "starting" in (detail := client.get("/readyz").json()["detail"]):
+            pass
+        assert "sha256" in detail
+        assert client.get("/livez").status_code == 200
+        assert client.get("/models").status_code == 503
+
+
+def test_models_are_listed_with_what_they_are_for(client: httpx.Client) -> None:
+    (model,) = client.get("/models").json()
+    assert model["name"] == "tiny"
+    assert model["version"] == "1"
+    assert model["system"]["static_friction"] == 0.7
+    assert model["horizon"] == 64
+    assert model["diffusion_timesteps"] == 200
+
+
+def test_every_method_listed_can_be_asked_for_by_name_and_by_default_options(
+    client: httpx.Client,
+) -> None:
+    methods = client.get("/methods").json()
+    assert {method["name"] for method in methods} == {
+        "action_diffusion",
+        "dataset_prior",
+        "uniform",
+        "cem",
+    }
+    for method in methods:
+        defaults = {
+            name: option["default"]
+            for name, option in method["options"]["properties"].items()
+            if "default" in option
+        }
+        for asked in (method["name"], defaults):
+            body = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": asked}
+            assert client.post("/plan", json=body | {"num_candidates": 2}).status_code == 200
+
+
+def test_info_says_what_runs_and_what_is_allowed(client: httpx.Client) -> None:
+    info = client.get("/info").json()
+    assert info["version"]
+    assert info["limits"]["max_candidates"] == Settings().max_candidates
+    assert info["libraries"]["torch"].startswith("2.13")
+
+
+def test_the_documentation_needs_nothing_from_elsewhere(client: httpx.Client) -> None:
+    page = client.get("/docs")
+    assert page.status_code == 200
+    assert "//" not in page.text.replace("// ", "").replace("http://127.0.0.1", "")
+    for asset in ("swagger-ui-bundle.js", "swagger-ui.css"):
+        assert asset in page.text
+        assert client.get(f"/static-offline-docs/{asset}").status_code == 200
+    assert client.get("/").headers["location"].endswith("docs")
+
+
+def test_the_examples_of_the_documentation_work(client: httpx.Client) -> None:
+    schemas = client.get("/openapi.json").json()["components"]["schemas"]
+    for path, schema in (("/plan", "PlanRequest"), ("/plan_multistep", "MultistepPlanRequest")):
+        (example,) = schemas[schema]["examples"]
+        response = client.post(path, content=json.dumps(example), headers=JSON)
+        assert response.status_code == 200, response.text
+    PlanRequest.model_validate(schemas["PlanRequest"]["examples"][0])
+
+
+def test_documented_answers_include_the_problems(client: httpx.Client) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    for path in ("/plan", "/plan_multistep"):
+        responses = paths[path]["post"]["responses"]
+        assert {"200", "400", "404", "413", "422", "429", "503"} <= set(responses)
+        for status, response in responses.items():
+            expected = "application/json" if status == "200" else "application/problem+json"
+            assert list(response["content"]) == [expected]
+
+
+JSON = {"Content-Type": "application/json"}

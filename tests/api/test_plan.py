@@ -1,0 +1,179 @@
+"""`POST /plan` and `POST /plan_multistep` over real HTTP: what a good request gets."""
+
+import threading
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from app.planning.system import System, rollout
+
+METHODS = ["action_diffusion", "dataset_prior", "uniform", "cem"]
+
+
+def plan(client: httpx.Client, **fields: Any) -> dict[str, Any]:
+    body = {"initial_state": [0.0, 0.0], "target_state": [0.2, 0.0], "num_candidates": 4, **fields}
+    response = client.post("/plan", json=body)
+    assert response.status_code == 200, response.text
+    answer: dict[str, Any] = response.json()
+    return answer
+
+
+def plan_multistep(client: httpx.Client, **fields: Any) -> dict[str, Any]:
+    body = {
+        "initial_state": [0.1, 0.0],
+        "targets": [[0.4, 0.0], [-0.4, 0.0], [0.2, 0.0]],
+        "num_candidates": 4,
+        **fields,
+    }
+    response = client.post("/plan_multistep", json=body)
+    assert response.status_code == 200, response.text
+    answer: dict[str, Any] = response.json()
+    return answer
+
+
+def without_timing(answer: dict[str, Any]) -> dict[str, Any]:
+    kept = {key: value for key, value in answer.items() if key != "timing_ms"}
+    if "segments" in kept:
+        kept["segments"] = [without_timing(segment) for segment in kept["segments"]]
+    return kept
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_plan_answered_is_the_plan_rolled_out(client: httpx.Client, method: str) -> None:
+    answer = plan(
+        client, method=method, initial_state=[0.3, -0.2], include=["states", "candidates"]
+    )
+    states = rollout(System(), np.array([0.3, -0.2]), np.array([answer["controls"]]))[0]
+    np.testing.assert_array_equal(states, answer["states"])
+    error = np.hypot(states[-1, 0] - 0.2, states[-1, 1])
+    assert answer["terminal_error"] == pytest.approx(error, abs=1e-12)
+    assert answer["control_energy"] == pytest.approx(np.sum(np.square(answer["controls"])))
+    smoothness = np.sum(np.square(np.diff(answer["controls"])))
+    assert answer["control_smoothness"] == pytest.approx(smoothness)
+    assert answer["terminal_error"] == min(answer["candidates"]["terminal_errors"])
+    assert answer["controls"] in answer["candidates"]["controls"]
+    assert np.shape(answer["candidates"]["states"]) == (4, 65, 2)
+    assert np.abs(answer["candidates"]["controls"]).max() <= 0.9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_seed_gives_the_same_plan(client: httpx.Client, method: str) -> None:
+    first, again, other = (plan(client, method=method, seed=seed) for seed in (7, 7, 8))
+    assert without_timing(first) == without_timing(again)
+    assert first["controls"] != other["controls"]
+
+
+def test_a_drawn_seed_asks_for_the_same_plan_again(client: httpx.Client) -> None:
+    drawn = plan(client, method="dataset_prior")
+    assert plan(client, method="dataset_prior")["seed"] != drawn["seed"]
+    again = plan(client, method="dataset_prior", seed=drawn["seed"])
+    assert without_timing(again) == without_timing(drawn)
+
+
+def test_only_the_states_are_required(client: httpx.Client) -> None:
+    answer = client.post("/plan", json={"initial_state": [0, 0], "target_state": [0.2, 0]}).json()
+    assert answer["method"] == "action_diffusion"
+    assert answer["model"]["name"] == "tiny"
+    assert answer["model"]["version"] == "1"
+    assert len(answer["model"]["sha256"]) == 64
+    assert len(answer["controls"]) == 64
+    assert np.shape(answer["states"]) == (65, 2)
+    assert "candidates" not in answer
+    assert set(answer["timing_ms"]) == {"queue", "propose", "rollout", "total"}
+
+
+def test_guidance_costs_a_second_prediction_only_where_it_is_used(client: httpx.Client) -> None:
+    def evaluations(**options: Any) -> int:
+        answer = plan(client, method={"name": "action_diffusion", **options})
+        count: int = answer["cost"]["network_evaluations"]
+        return count
+
+    assert evaluations() == 100
+    assert evaluations(guidance_scale=1.0) == 50
+    assert evaluations(steps=10, guidance_scale=1.5) == 20
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 7, 199, 200])
+def test_every_step_count_ends_in_usable_controls(client: httpx.Client, steps: int) -> None:
+    answer = plan(client, method={"name": "action_diffusion", "steps": steps})
+    assert np.abs(answer["controls"]).max() <= 0.9
+
+
+def test_options_of_a_method_reach_it(client: httpx.Client) -> None:
+    answer = plan(client, method={"name": "cem", "iterations": 3})
+    assert answer["cost"] == {"network_evaluations": 0, "rollouts": 3 * 4 + 4}
+    calm = {"kick_probability": 0.0, "medium_probability": 0.0}
+    answer = plan(client, method={"name": "dataset_prior", "prior": calm})
+    assert np.abs(answer["controls"]).max() <= 0.15 * 0.9
+
+
+def test_another_plant_is_planned_with(client: httpx.Client) -> None:
+    system = {"static_friction": 0.5, "coulomb_friction": 0.2, "control_limit": 2.0}
+    answer = plan(client, method="cem", system=system, horizon=20, num_candidates=32)
+    assert answer["system"] == {
+        "viscous_damping": 0.05,
+        "time_step": 0.05,
+        "velocity_threshold": 1e-3,
+        **system,
+    }
+    states = rollout(System(**system), np.zeros(2), np.array([answer["controls"]]))[0]
+    np.testing.assert_array_equal(states, answer["states"])
+    assert len(answer["controls"]) == 20
+
+
+def test_a_model_can_be_named_with_and_without_its_version(client: httpx.Client) -> None:
+    for name in ("tiny", "tiny/1"):
+        assert plan(client, model=name)["model"]["name"] == "tiny"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_segments_follow_one_another(client: httpx.Client, method: str) -> None:
+    answer = plan_multistep(client, method=method, seed=3)
+    segments = answer["segments"]
+    assert len(segments) == 3
+    assert segments[0]["states"][0] == [0.1, 0.0]
+    for before, after in zip(segments[:-1], segments[1:], strict=True):
+        assert after["states"][0] == before["states"][-1]
+    assert answer["controls"] == [u for segment in segments for u in segment["controls"]]
+    assert answer["states"][-1] == segments[-1]["states"][-1]
+    assert len(answer["states"]) == 3 * 64 + 1
+    errors = [segment["terminal_error"] for segment in segments]
+    assert answer["final_error"] == errors[-1]
+    assert answer["mean_end_error"] == pytest.approx(np.mean(errors))
+    assert answer["stuck_steps"] == sum(segment["stuck_steps"] for segment in segments)
+    assert without_timing(answer) == without_timing(plan_multistep(client, method=method, seed=3))
+
+
+def test_states_are_left_out_when_not_asked_for(client: httpx.Client) -> None:
+    assert "states" not in plan(client, method="cem", include=[])
+    answer = plan_multistep(client, method="cem", include=["candidates"])
+    assert "states" not in answer
+    assert "states" not in answer["segments"][0]["candidates"]
+    assert np.shape(answer["segments"][0]["candidates"]["controls"]) == (4, 64)
+
+
+def test_livez_answers_while_a_large_plan_runs(client: httpx.Client) -> None:
+    answers: list[dict[str, Any]] = []
+    large = {"name": "action_diffusion", "steps": 100}
+    thread = threading.Thread(
+        target=lambda: answers.append(plan(client, method=large, num_candidates=512))
+    )
+    thread.start()
+    alive_meanwhile = 0
+    while thread.is_alive():
+        assert client.get("/livez").json() == {"status": "alive"}
+        alive_meanwhile += thread.is_alive()
+    thread.join()
+    assert alive_meanwhile >= 3
+    assert len(answers) == 1
+
+
+def test_compiled_methods_do_not_wait_for_the_network(client: httpx.Client) -> None:
+    large = {"name": "action_diffusion", "steps": 50}
+    thread = threading.Thread(target=lambda: plan(client, method=large, num_candidates=512))
+    thread.start()
+    plan(client, method="cem")
+    assert thread.is_alive()
+    thread.join()

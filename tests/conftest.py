@@ -1,0 +1,33 @@
+"""A model store with a tiny model: real training, real TorchScript, nothing learned."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from training.config import DEFAULT_CONFIG, TrainingConfig
+from training.export import export
+from training.trainer import Trainer
+
+MODEL = "tiny"
+
+
+def tiny_config() -> TrainingConfig:
+    config = TrainingConfig.read(DEFAULT_CONFIG).model_dump()
+    config["name"] = MODEL
+    config["data"] |= {"training_samples": 64, "validation_samples": 16}
+    config["network"] = {"channels": 8, "time_dimension": 8, "condition_dimension": 8}
+    config["optimisation"] |= {"steps": 2, "batch_size": 32, "validation_interval": 2}
+    return TrainingConfig.model_validate(config)
+
+
+@pytest.fixture(scope="session")
+def model_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store that holds tiny/1."""
+    folder = tmp_path_factory.mktemp("store")
+    run = tmp_path_factory.mktemp("run")
+    (run / "training.log").touch()
+    trainer = Trainer(tiny_config(), run, torch.device("cpu"))
+    trainer.run()
+    export(trainer, folder, run / "training.log")
+    return folder

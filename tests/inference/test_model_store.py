@@ -1,0 +1,270 @@
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
+from app.inference.model_store import (
+    ModelRejected,
+    ModelStore,
+    UnfitModel,
+    UnknownModel,
+    find_versions,
+    verify,
+)
+from app.planning.system import System
+
+CPU = torch.device("cpu")
+STIFF = System(static_friction=0.8)
+
+
+class AnswersFlat(torch.nn.Module):
+    def forward(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:  # noqa: ARG002
+        return u.flatten(1)
+
+
+class Fails(torch.nn.Module):
+    def forward(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:  # noqa: ARG002
+        return u.reshape(-1, 7, 11)
+
+
+def script(module: torch.nn.Module) -> bytes:
+    buffer = io.BytesIO()
+    torch.jit.save(torch.jit.script(module), buffer)
+    return buffer.getvalue()
+
+
+@pytest.fixture
+def no_loading(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make any reading of a checkpoint by torch fail the test."""
+
+    def load(*_: object, **__: object) -> None:
+        pytest.fail("torch read the checkpoint")
+
+    monkeypatch.setattr(torch.jit, "load", load)
+    monkeypatch.setattr(torch, "load", load)
+
+
+def test_a_loaded_model_answers_as_the_checkpoint_does(
+    store: Path, publish: Callable[..., Path], checkpoint: bytes
+) -> None:
+    publish()
+    generator = torch.Generator().manual_seed(0)
+    inputs = (
+        torch.randn(5, 1, 64, generator=generator),
+        torch.arange(5),
+        torch.randn(5, 4, generator=generator),
+        torch.tensor([True, False, True, False, True]),
+    )
+
+    (model,) = ModelStore.load(store, CPU).models
+
+    assert model.label == "tiny/1"
+    original = torch.jit.load(io.BytesIO(checkpoint))  # type: ignore[no-untyped-call]
+    with torch.inference_mode():
+        torch.testing.assert_close(model.unet(*inputs), original(*inputs), rtol=0, atol=1e-5)
+
+
+@pytest.mark.usefixtures("no_loading")
+@pytest.mark.parametrize("position", [0, 1000, -1])
+def test_a_changed_checkpoint_is_refused_before_torch_reads_it(
+    store: Path, publish: Callable[..., Path], position: int
+) -> None:
+    file = publish() / CHECKPOINT_FILE
+    content = bytearray(file.read_bytes())
+    content[position] ^= 1
+    file.write_bytes(content)
+
+    with pytest.raises(ModelRejected, match="changed or damaged"):
+        ModelStore.load(store, CPU)
+
+
+@pytest.mark.usefixtures("no_loading")
+def test_a_truncated_checkpoint_is_refused_before_torch_reads_it(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    file = publish() / CHECKPOINT_FILE
+    file.write_bytes(file.read_bytes()[:-1])
+
+    with pytest.raises(ModelRejected, match="changed or damaged"):
+        ModelStore.load(store, CPU)
+
+
+@pytest.mark.usefixtures("no_loading")
+def test_a_missing_checkpoint_is_refused(store: Path, publish: Callable[..., Path]) -> None:
+    (publish() / CHECKPOINT_FILE).unlink()
+
+    with pytest.raises(ModelRejected, match=CHECKPOINT_FILE):
+        ModelStore.load(store, CPU)
+
+
+@pytest.mark.usefixtures("no_loading")
+def test_an_invalid_manifest_is_refused_with_its_folder_and_field(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    file = publish("broken", 4) / MANIFEST_FILE
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"horizon": 0}))
+
+    with pytest.raises(ModelRejected, match=r"(?s)broken/4.*horizon"):
+        ModelStore.load(store, CPU)
+
+
+@pytest.mark.usefixtures("no_loading")
+@pytest.mark.parametrize(("name", "version"), [("other", "1"), ("tiny", "2")])
+def test_a_manifest_of_another_model_or_version_is_refused(
+    store: Path, publish: Callable[..., Path], name: str, version: str
+) -> None:
+    folder = publish()
+    (store / name).mkdir(exist_ok=True)
+    folder.rename(store / name / version)
+
+    with pytest.raises(ModelRejected, match="manifest is of tiny/1"):
+        ModelStore.load(store, CPU)
+
+
+def test_a_checkpoint_that_is_no_torchscript_is_refused(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    publish(content=b"not a model")
+
+    with pytest.raises(ModelRejected, match="does not run"):
+        ModelStore.load(store, CPU)
+
+
+@pytest.mark.parametrize("module", [AnswersFlat(), Fails()], ids=["wrong shape", "fails"])
+def test_a_network_that_does_not_do_its_job_is_refused_when_it_is_warmed_up(
+    store: Path, publish: Callable[..., Path], module: torch.nn.Module
+) -> None:
+    publish(content=script(module))
+
+    with pytest.raises(ModelRejected, match="does not run"):
+        ModelStore.load(store, CPU)
+
+
+def test_one_bad_model_keeps_the_whole_store_from_loading(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    publish("good")
+    (publish("bad") / CHECKPOINT_FILE).write_bytes(b"")
+
+    with pytest.raises(ModelRejected, match="bad"):
+        ModelStore.load(store, CPU)
+
+
+def test_a_store_that_does_not_exist_is_refused_and_an_empty_one_is_not(store: Path) -> None:
+    with pytest.raises(ModelRejected, match="not a directory"):
+        ModelStore.load(store / "nowhere", CPU)
+    assert ModelStore.load(store, CPU).models == []
+
+
+def test_half_written_versions_and_other_files_are_invisible(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    whole = publish("tiny", 1)
+    (publish("tiny", 2) / MANIFEST_FILE).unlink()
+    (store / "tiny" / ".export-abc" / "3").mkdir(parents=True)
+    (store / "tiny" / ".export-abc" / "3" / MANIFEST_FILE).write_text("{")
+    (store / "tiny" / "draft").mkdir()
+    (store / "tiny" / "draft" / MANIFEST_FILE).write_text("{")
+    (store / "tiny" / "01").mkdir()
+    (store / "tiny" / "01" / MANIFEST_FILE).write_text("{")
+    (store / "README.md").write_text("about the models")
+
+    assert find_versions(store) == [whole]
+    assert [model.label for model in ModelStore.load(store, CPU).models] == ["tiny/1"]
+
+
+def test_verifying_returns_the_very_bytes_that_were_hashed(
+    publish: Callable[..., Path], checkpoint: bytes
+) -> None:
+    manifest, content = verify(publish())
+
+    assert content == checkpoint
+    assert hashlib.sha256(content).hexdigest() == manifest.sha256
+
+
+@pytest.fixture(scope="module")
+def several(
+    publisher: Callable[[Path], Callable[..., Path]], tmp_path_factory: pytest.TempPathFactory
+) -> ModelStore:
+    store = tmp_path_factory.mktemp("store")
+    publish = publisher(store)
+    publish("nominal", 1)
+    publish("nominal", 2, horizon=32)
+    publish("nominal", 10)
+    publish("stiff", 1, system=STIFF)
+    publish("zeta", 1)
+    return ModelStore.load(store, CPU)
+
+
+def test_models_and_versions_live_side_by_side(several: ModelStore) -> None:
+    assert {model.label for model in several.models} == {
+        "nominal/1",
+        "nominal/2",
+        "nominal/10",
+        "stiff/1",
+        "zeta/1",
+    }
+
+
+@pytest.mark.parametrize(
+    ("reference", "label"),
+    [
+        ("nominal", "nominal/10"),
+        ("nominal/1", "nominal/1"),
+        ("nominal/2", "nominal/2"),
+        ("stiff", "stiff/1"),
+    ],
+)
+def test_a_name_finds_the_latest_version_and_a_version_finds_itself(
+    several: ModelStore, reference: str, label: str
+) -> None:
+    assert several.find(reference).label == label
+
+
+@pytest.mark.parametrize("reference", ["nomin", "nominal/3", "nominal/", "/1", "", "nominal/1/1"])
+def test_an_unknown_model_is_refused_and_those_that_exist_are_named(
+    several: ModelStore, reference: str
+) -> None:
+    with pytest.raises(UnknownModel) as refusal:
+        several.find(reference)
+
+    message = str(refusal.value)
+    assert repr(reference) in message
+    assert all(model.label in message for model in several.models)
+
+
+def test_the_model_that_fits_the_plant_and_horizon_is_found(several: ModelStore) -> None:
+    assert several.fitting(System(), 64).label == "nominal/10"
+    assert several.fitting(System(), 32).label == "nominal/2"
+    assert several.fitting(STIFF, 64).label == "stiff/1"
+
+
+@pytest.mark.parametrize(
+    ("system", "horizon"),
+    [(System(), 65), (STIFF, 32), (System(static_friction=0.7000001), 64)],
+)
+def test_where_no_model_fits_those_that_exist_are_named(
+    several: ModelStore, system: System, horizon: int
+) -> None:
+    with pytest.raises(UnfitModel) as refusal:
+        several.fitting(system, horizon)
+
+    message = str(refusal.value)
+    assert str(horizon) in message
+    assert str(system.static_friction) in message
+    assert all(model.label in message for model in several.models)
+
+
+def test_an_empty_store_says_that_there_are_none(store: Path) -> None:
+    models = ModelStore.load(store, CPU)
+
+    with pytest.raises(UnknownModel, match="there are: none"):
+        models.find("tiny")
+    with pytest.raises(UnfitModel, match="there are: none"):
+        models.fitting(System(), 64)

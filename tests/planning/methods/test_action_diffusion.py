@@ -1,0 +1,83 @@
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.planning.methods import ActionDiffusion
+from app.planning.problem import Candidates, Cost, Problem
+from app.planning.system import FloatArray
+
+PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]), horizon=48)
+
+
+@dataclass
+class Recorder:
+    calls: list[dict[str, Any]] = field(default_factory=list)
+
+    def sample(
+        self, problem: Problem, noise: FloatArray, sampler: str, steps: int, guidance_scale: float
+    ) -> Candidates:
+        self.calls.append(
+            {
+                "problem": problem,
+                "noise": noise,
+                "sampler": sampler,
+                "steps": steps,
+                "guidance_scale": guidance_scale,
+            }
+        )
+        return Candidates(0.1 * noise, queue_ms=1.0)
+
+
+def test_the_options_and_standard_normal_noise_reach_the_model() -> None:
+    model = Recorder()
+    method = ActionDiffusion(steps=12, guidance_scale=3.5)
+
+    proposal = method.propose(PROBLEM, 400, np.random.default_rng(0), model)
+
+    (call,) = model.calls
+    assert call["problem"] is PROBLEM
+    assert (call["sampler"], call["steps"], call["guidance_scale"]) == ("ddim", 12, 3.5)
+    assert call["noise"].shape == (400, 48)
+    assert call["noise"].mean() == pytest.approx(0.0, abs=0.02)
+    assert call["noise"].std() == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_array_equal(proposal.controls, 0.1 * call["noise"])
+    assert proposal.queue_ms == 1.0
+
+
+def test_the_settings_of_the_paper_are_the_default() -> None:
+    method = ActionDiffusion()
+
+    assert (method.sampler, method.steps, method.guidance_scale) == ("ddim", 50, 2.0)
+
+
+def test_without_a_model_it_says_what_is_missing() -> None:
+    with pytest.raises(ValueError, match="learned proposal"):
+        ActionDiffusion().propose(PROBLEM, 4, np.random.default_rng(0), None)
+
+
+@pytest.mark.parametrize(
+    ("guidance_scale", "evaluations"), [(0.0, 20), (0.5, 40), (1.0, 20), (2.0, 40)]
+)
+def test_the_cost_counts_both_predictions_where_there_are_two(
+    guidance_scale: float, evaluations: int
+) -> None:
+    method = ActionDiffusion(steps=20, guidance_scale=guidance_scale)
+
+    assert method.cost(512) == Cost(network_evaluations=evaluations)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"steps": 0}, "steps"),
+        ({"steps": 1001}, "steps"),
+        ({"guidance_scale": -0.1}, "guidance_scale"),
+        ({"guidance_scale": 20.1}, "guidance_scale"),
+        ({"guidance_scale": float("nan")}, "guidance_scale"),
+    ],
+)
+def test_impossible_options_are_refused_by_name(options: dict[str, float], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        ActionDiffusion(**options)  # type: ignore[arg-type]

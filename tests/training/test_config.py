@@ -1,0 +1,139 @@
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from app.planning.prior import ControlPrior
+from app.planning.system import System
+from training.config import DEFAULT_CONFIG, TrainingConfig
+
+
+@pytest.fixture
+def values() -> dict[str, Any]:
+    return tomllib.loads(DEFAULT_CONFIG.read_text())
+
+
+def test_the_default_configuration_is_that_of_the_paper() -> None:
+    config = TrainingConfig.read(DEFAULT_CONFIG)
+
+    assert config.system == System(
+        static_friction=0.7,
+        coulomb_friction=0.6,
+        viscous_damping=0.05,
+        control_limit=0.9,
+        time_step=0.05,
+        velocity_threshold=1e-3,
+    )
+    assert config.data.horizon == 64
+    assert config.data.position_range == (-1.0, 1.0)
+    assert config.data.velocity_range == (-0.5, 0.5)
+    assert config.data.training_samples == 50_000
+    assert config.data.validation_samples == 10_000
+    assert config.diffusion.num_timesteps == 200
+    assert config.diffusion.drop_probability == 0.2
+    assert config.optimisation.batch_size == 256
+    assert config.optimisation.steps == 15_000
+    assert config.optimisation.learning_rate == 2e-3
+    assert config.optimisation.ema_decay == 0.995
+    assert config.network.channels == 64
+    assert config.network.time_dimension == 64
+    assert config.network.condition_dimension == 64
+
+
+def test_the_default_prior_is_that_of_the_paper_and_of_the_baseline() -> None:
+    prior = TrainingConfig.read(DEFAULT_CONFIG).prior
+
+    assert prior == ControlPrior()
+    assert prior.num_segments == 8
+    assert prior.kick_minimum == 0.75
+    assert prior.medium_maximum == 0.6
+    assert prior.near_zero_maximum == 0.15
+    assert prior.filter_coefficient == 0.3
+
+
+@pytest.mark.parametrize(
+    "section", ["", "system", "prior", "data", "network", "diffusion", "optimisation"]
+)
+def test_an_unknown_key_is_refused_by_its_name(values: dict[str, Any], section: str) -> None:
+    (values[section] if section else values)["surprise"] = 1
+
+    with pytest.raises(ValidationError, match="surprise"):
+        TrainingConfig.model_validate(values)
+
+
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        ("data", "horizon"),
+        ("network", "channels"),
+        ("diffusion", "num_timesteps"),
+        ("optimisation", "steps"),
+    ],
+)
+def test_a_missing_key_is_refused_by_its_name(
+    values: dict[str, Any], section: str, key: str
+) -> None:
+    del values[section][key]
+
+    with pytest.raises(ValidationError, match=key):
+        TrainingConfig.model_validate(values)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("system", "coulomb_friction", 0.8),
+        ("system", "time_step", 0.0),
+        ("system", "static_friction", float("nan")),
+        ("prior", "kick_probability", 1.5),
+        ("prior", "medium_probability", 0.7),
+        ("data", "horizon", 63),
+        ("data", "horizon", 0),
+        ("data", "training_samples", 0),
+        ("data", "position_range", [1.0, -1.0]),
+        ("data", "velocity_range", [0.5, 0.5]),
+        ("data", "velocity_range", [0.5]),
+        ("data", "position_range", [0.0, float("inf")]),
+        ("network", "channels", 12),
+        ("network", "channels", 0),
+        ("network", "time_dimension", 3),
+        ("diffusion", "num_timesteps", 1),
+        ("diffusion", "drop_probability", 1.0),
+        ("optimisation", "steps", 0),
+        ("optimisation", "batch_size", 50_001),
+        ("optimisation", "learning_rate", 0.0),
+        ("optimisation", "ema_decay", 1.0),
+        ("optimisation", "validation_interval", 0),
+    ],
+)
+def test_a_wrong_value_is_refused_with_its_section(
+    values: dict[str, Any], section: str, key: str, value: object
+) -> None:
+    values[section][key] = value
+
+    with pytest.raises(ValidationError, match=f"{section}|{key}"):
+        TrainingConfig.model_validate(values)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("name", "../escape"), ("name", "With Space"), ("version", 0), ("seed", -1)],
+)
+def test_a_wrong_name_version_or_seed_is_refused(
+    values: dict[str, Any], key: str, value: object
+) -> None:
+    values[key] = value
+
+    with pytest.raises(ValidationError, match=key):
+        TrainingConfig.model_validate(values)
+
+
+def test_what_is_not_toml_or_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text("name =")
+
+    with pytest.raises(tomllib.TOMLDecodeError):
+        TrainingConfig.read(tmp_path / "bad.toml")
+    with pytest.raises(OSError, match="nowhere"):
+        TrainingConfig.read(tmp_path / "nowhere.toml")

@@ -1,0 +1,106 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from app.planning.system import rollout
+from training.config import TrainingConfig
+from training.dataset import Standardisation, TrainingSet, Transitions, sample_transitions
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def config(configure: Callable[..., TrainingConfig]) -> TrainingConfig:
+    return configure(
+        system={"static_friction": 0.5, "coulomb_friction": 0.4, "control_limit": 1.5},
+        data={"position_range": [-0.5, 1.0], "velocity_range": [-0.2, 0.4]},
+    )
+
+
+@pytest.fixture(scope="module")
+def transitions(config: TrainingConfig) -> Transitions:
+    return sample_transitions(config, 2000, np.random.default_rng(0))
+
+
+def test_terminal_states_are_what_the_plant_reaches(
+    config: TrainingConfig, transitions: Transitions
+) -> None:
+    states = rollout(config.system, transitions.initial_states, transitions.controls)
+
+    assert transitions.controls.shape == (2000, 16)
+    np.testing.assert_array_equal(transitions.terminal_states, states[:, -1])
+
+
+def test_initial_states_are_uniform_over_their_ranges(transitions: Transitions) -> None:
+    position, velocity = transitions.initial_states.T
+
+    np.testing.assert_allclose(
+        np.quantile(position, [0, 0.25, 0.5, 0.75, 1]), [-0.5, -0.125, 0.25, 0.625, 1], atol=0.06
+    )
+    np.testing.assert_allclose(
+        np.quantile(velocity, [0, 0.25, 0.5, 0.75, 1]), [-0.2, -0.05, 0.1, 0.25, 0.4], atol=0.03
+    )
+    assert abs(np.corrcoef(position, velocity)[0, 1]) < 0.08
+
+
+def test_controls_come_from_the_configured_prior_within_the_limit(
+    configure: Callable[..., TrainingConfig],
+) -> None:
+    loud = configure(prior={"kick_probability": 1.0, "medium_probability": 0.0})
+    loud_controls = sample_transitions(loud, 500, np.random.default_rng(0)).controls
+    quiet = configure(prior={"kick_probability": 0.0, "medium_probability": 0.0})
+    quiet_controls = sample_transitions(quiet, 500, np.random.default_rng(0)).controls
+
+    assert np.max(np.abs(loud_controls)) == pytest.approx(0.9, rel=0.01)
+    assert np.max(np.abs(quiet_controls)) <= 0.15 * 0.9
+
+
+def test_the_generator_decides_the_transitions(config: TrainingConfig) -> None:
+    first, again, other = (
+        sample_transitions(config, 20, np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+
+    np.testing.assert_array_equal(first.controls, again.controls)
+    np.testing.assert_array_equal(first.terminal_states, again.terminal_states)
+    assert not np.array_equal(first.controls, other.controls)
+    assert not np.array_equal(first.initial_states, other.initial_states)
+
+
+def test_states_are_standardised_over_starts_and_ends_together() -> None:
+    transitions = Transitions(
+        controls=np.zeros((2, 4)),
+        initial_states=np.array([[0.0, 1.0], [2.0, 1.0]]),
+        terminal_states=np.array([[4.0, 3.0], [6.0, 3.0]]),
+    )
+
+    standardisation = Standardisation.of(transitions)
+
+    np.testing.assert_allclose(standardisation.mean, [3.0, 2.0])
+    np.testing.assert_allclose(standardisation.std, [np.sqrt(5.0), 1.0])
+
+
+def test_the_network_sees_scaled_controls_and_start_then_end_standardised() -> None:
+    transitions = Transitions(
+        controls=np.array([[0.9, -0.9, 0.45]]),
+        initial_states=np.array([[1.0, 2.0]]),
+        terminal_states=np.array([[5.0, -2.0]]),
+    )
+    standardisation = Standardisation(np.array([1.0, 0.0]), np.array([2.0, 4.0]))
+
+    prepared = TrainingSet.prepare(transitions, standardisation, 0.9, CPU)
+
+    torch.testing.assert_close(prepared.controls, torch.tensor([[[1.0, -1.0, 0.5]]]))
+    torch.testing.assert_close(prepared.conditions, torch.tensor([[0.0, 0.5, 2.0, -0.5]]))
+
+
+def test_a_prepared_set_is_standard_and_bounded(transitions: Transitions) -> None:
+    prepared = TrainingSet.prepare(transitions, Standardisation.of(transitions), 1.5, CPU)
+
+    assert prepared.controls.shape == (2000, 1, 16)
+    assert prepared.controls.dtype == prepared.conditions.dtype == torch.float32
+    assert prepared.controls.abs().max() <= 1
+    states = prepared.conditions.reshape(-1, 2)
+    torch.testing.assert_close(states.mean(dim=0), torch.zeros(2), rtol=0, atol=1e-5)
+    torch.testing.assert_close(states.std(dim=0, correction=0), torch.ones(2), rtol=0, atol=1e-4)

@@ -8,7 +8,7 @@ import typer
 from pydantic import ValidationError
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from app.settings import Settings
 
@@ -220,7 +220,9 @@ def models() -> None:
     from app.inference.model_store import ModelRejected, find_versions, verify
 
     store = _settings([]).model_store
-    table = Table("model", "f_s", "f_c", "b", "u_max", "H", "validation loss", "sha256", box=SIMPLE)
+    table = Table(
+        Column("model", no_wrap=True), "f_s", "f_c", "b", "u_max", "H", "loss", "sha256", box=SIMPLE
+    )
     rejected = []
     try:
         for directory in find_versions(store):
@@ -250,7 +252,7 @@ def models() -> None:
 def _settings(arguments: list[str]) -> Settings:
     """Read the settings from flags and environment; on a bad one, say so and exit."""
     try:
-        return Settings(_cli_parse_args=arguments)  # type: ignore[call-arg]
+        return Settings(_cli_parse_args=arguments)
     except ValidationError as error:
         _fail(_explain(error))
 

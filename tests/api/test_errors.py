@@ -50,7 +50,7 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
         (
             {"method": "annealing"},
             "/method",
-            "no method 'annealing'; there are: 'action_diffusion'",
+            "no method 'annealing'; there are: 'action_",
         ),
         ({"method": {"name": "cem", "iterations": 0}}, "/method/iterations", ""),
         ({"method": {"name": "cem", "elite_fraction": NAN}}, "/method/elite_fraction", "NaN"),

@@ -1,5 +1,6 @@
 """`POST /plan` and `POST /plan_multistep` over real HTTP: what a good request gets."""
 
+import itertools
 import threading
 from typing import Any
 
@@ -134,7 +135,7 @@ def test_segments_follow_one_another(client: httpx.Client, method: str) -> None:
     segments = answer["segments"]
     assert len(segments) == 3
     assert segments[0]["states"][0] == [0.1, 0.0]
-    for before, after in zip(segments[:-1], segments[1:], strict=True):
+    for before, after in itertools.pairwise(segments):
         assert after["states"][0] == before["states"][-1]
     assert answer["controls"] == [u for segment in segments for u in segment["controls"]]
     assert answer["states"][-1] == segments[-1]["states"][-1]

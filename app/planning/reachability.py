@@ -1,0 +1,424 @@
+"""What a plan can reach at best: the exact reachable set of the plant, and the floor of the error.
+
+Nothing here plans: no controls are computed, only the states that some controls would reach.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.planning.compilation import compiled
+from app.planning.problem import Problem
+from app.planning.system import FloatArray, Parameters
+
+REACHABLE_WITHIN = 1e-9
+"""A target this close to the reachable set counts as in it (m and m/s in one Euclidean norm).
+
+Relative to the largest coordinate of start and target where that exceeds one.
+"""
+
+_TOUCHING = 1e-13
+"""Slices (m) whose gap is smaller overlap; what rounding alone tears apart."""
+
+_COLLINEAR = 1e-15
+"""Vertices (m) this near to the line between their neighbours are dropped."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reachability:
+    """How near to its target a problem can end, whatever the method."""
+
+    reachable: bool
+    """Whether the floor is zero, to within `REACHABLE_WITHIN`."""
+    floor: float
+    """Least terminal error ||x_H - x*||_2 over all admissible controls."""
+    nearest_state: FloatArray
+    """Terminal state [p, v] (2,) at that distance, in m and m/s."""
+    minimum_steps: int | None
+    """Fewest steps that lead to a reachable target; 0 if it is the start, None if unreachable."""
+
+
+def reachability(problem: Problem) -> Reachability:
+    r"""Return how near to its target `problem` can end, in the exact discrete dynamics of `step`.
+
+    One step chooses the next velocity w from a set V(v), and the position follows: p' = p + dt*w.
+    With a = 1 - b*dt,
+
+    - sliding, v >= eps_v:  w = max(0, a*v + s),  s in dt*[-u_max - f_c, u_max - f_c];
+    - sliding, v <= -eps_v: its mirror image;
+    - at rest, |v| < eps_v: w = 0 (stuck), or, if u_max > f_s, w = v +- s with
+      s in dt*(f_s - f_c, u_max - f_c] (breaking away; the gap up to dt*(f_s - f_c) is the dead
+      zone).
+
+    So let X_n be the set of states after exactly n steps, and X_n(w) its slice of positions at
+    velocity w. One step, in one of these regimes r, is
+
+        X_{n+1}(w) = dt*w + union over v in [(w - hi_r)/a_r, (w - lo_r)/a_r] of X_n(v),
+
+    with v also in the band of velocities of that regime. If every slice of a connected piece of
+    X_n is an interval [L(v), U(v)], the union is the interval between the least L and the greatest
+    U in that window, and the image is such a piece again: the upper bound is the Minkowski sum of
+    the hypograph of U with the segment [lo_r, hi_r], which moves its rising edges by lo_r and its
+    falling edges by hi_r (a bang-bang control, switched at the peak). A piece is therefore two
+    polylines over v, exact, with some two vertices more each step.
+
+    A step cuts each piece at v = +-eps_v, maps the parts through their regimes, and joins images
+    whose slices overlap wherever both have one. Holes, which the dead zone leaves near the start,
+    keep pieces apart until enough hops fill them. States at rest, v = 0, are intervals of their
+    own: what enters the band |v| < eps_v may stop there and wait. Stops, waits, reversals and
+    passages through the band without a stop are thus all covered, in any number.
+
+    The floor is the distance from the target to X_H. Open ends (the dead zone, the band) are
+    treated as closed, so it is an infimum that may be approached only.
+
+    The cost grows with the square of the horizon. Propagation ends early where X_n can only grow
+    (a start at v = 0 can wait) or a target can be held (v* = 0).
+    """
+    start, target = problem.initial_state, problem.target_state
+    scale = max(1.0, float(np.abs(start).max()), float(np.abs(target).max()))
+    # In displacements from the start, so that its size costs no digits.
+    steps, floor, displacement, velocity = _propagate(
+        float(start[1]),
+        float(target[0] - start[0]),
+        float(target[1]),
+        problem.horizon,
+        REACHABLE_WITHIN * scale,
+        problem.system.parameters,
+    )
+    reachable = floor <= REACHABLE_WITHIN * scale
+    return Reachability(
+        reachable=reachable,
+        floor=floor,
+        nearest_state=np.array([start[0] + displacement, velocity]),
+        minimum_steps=steps if reachable else None,
+    )
+
+
+# A piece is a pair of polylines of rows (v, y), v not decreasing and jumps as two rows of equal v:
+# `upper` holds y = U(v) and `lower` y = -L(v), so that both are maxima and one kernel serves both.
+
+
+@compiled
+def _propagate(
+    initial_velocity: float,
+    target_displacement: float,
+    target_velocity: float,
+    horizon: int,
+    tolerance: float,
+    parameters: Parameters,
+) -> tuple[int, float, float, float]:
+    """Return the first step within `tolerance` (-1: none), the floor and the nearest state."""
+    static, coulomb, damping, limit, time_step, threshold = parameters
+    retained = 1.0 - time_step * damping
+    slow, fast = time_step * (static - coulomb), time_step * (limit - coulomb)
+    brake = time_step * (limit + coulomb)
+
+    uppers = [np.array([[initial_velocity, 0.0]])]
+    lowers = [np.array([[initial_velocity, 0.0]])]
+    empty = np.empty((0, 2))
+    rests = empty
+    first = -1
+    floor, nearest_p, nearest_v = _nearest(
+        uppers, lowers, rests, target_displacement, target_velocity, math.inf
+    )
+    if floor <= tolerance:
+        first = 0
+    for n in range(1, horizon + 1):
+        if first >= 0 and (initial_velocity == 0.0 or target_velocity == 0.0):
+            break
+        next_uppers = [empty]
+        next_lowers = [empty]
+        next_uppers.clear()
+        next_lowers.clear()
+        next_rests = [(rest[0], rest[1]) for rest in rests]
+
+        for i in range(len(uppers)):
+            upper, lower = _band(uppers[i], threshold), _band(lowers[i], threshold)
+            if upper.shape[0] > 0:
+                next_rests.append((-lower[:, 1].max(), upper[:, 1].max()))
+                if limit > static:
+                    for low, high in ((slow, fast), (-fast, -slow)):
+                        _join(
+                            next_uppers,
+                            next_lowers,
+                            _image(upper, 1.0, low, high, time_step),
+                            _image(lower, 1.0, low, high, -time_step),
+                        )
+        if limit > static:
+            for i in range(rests.shape[0]):
+                upper = np.array([[0.0, rests[i, 1]]])
+                lower = np.array([[0.0, -rests[i, 0]]])
+                for low, high in ((slow, fast), (-fast, -slow)):
+                    _join(
+                        next_uppers,
+                        next_lowers,
+                        _image(upper, 1.0, low, high, time_step),
+                        _image(lower, 1.0, low, high, -time_step),
+                    )
+        for i in range(len(uppers)):
+            for sign in (1.0, -1.0):
+                low = -brake if sign > 0 else -fast
+                high = fast if sign > 0 else brake
+                edge, far = (threshold, math.inf) if sign > 0 else (-math.inf, -threshold)
+                upper, lower = _cut(uppers[i], edge, far), _cut(lowers[i], edge, far)
+                if upper.shape[0] == 0:
+                    continue
+                if fast <= 0.0:
+                    # No control holds the speed: the mass may stop from above the window of w = 0.
+                    reach = brake / retained
+                    edge, far = (-math.inf, reach) if sign > 0 else (-reach, math.inf)
+                    stopping, stopping_lower = _cut(upper, edge, far), _cut(lower, edge, far)
+                    if stopping.shape[0] > 0:
+                        next_rests.append((-stopping_lower[:, 1].max(), stopping[:, 1].max()))
+                upper = _image(upper, retained, low, high, time_step)
+                lower = _image(lower, retained, low, high, -time_step)
+                edge, far = (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
+                upper, lower = _cut(upper, edge, far), _cut(lower, edge, far)
+                if upper.shape[0] > 0:
+                    _join(next_uppers, next_lowers, upper, lower)
+
+        uppers, lowers, rests = next_uppers, next_lowers, _merged(next_rests)
+        within = math.inf if n == horizon else tolerance
+        floor, nearest_p, nearest_v = _nearest(
+            uppers, lowers, rests, target_displacement, target_velocity, within
+        )
+        if first < 0 and floor <= tolerance:
+            first = n
+    return first, floor, nearest_p, nearest_v
+
+
+@compiled
+def _at(line: FloatArray, i: int, v: float) -> float:
+    """Return the height at `v` of the edge from row `i`, which is not vertical."""
+    v0, v1, y0, y1 = line[i, 0], line[i + 1, 0], line[i, 1], line[i + 1, 1]
+    if v == v0:
+        return float(y0)
+    if v == v1:
+        return float(y1)
+    return float(y0 + (y1 - y0) * ((v - v0) / (v1 - v0)))
+
+
+@compiled
+def _cut(line: FloatArray, low: float, high: float) -> FloatArray:
+    """Return the part of `line` with `low` <= v <= `high`, jumps at either end included."""
+    n = line.shape[0]
+    if line[0, 0] >= low and line[n - 1, 0] <= high:
+        return line
+    part = np.empty((n + 2, 2))
+    m = 0
+    for i in range(n):
+        v = line[i, 0]
+        if low <= v <= high:
+            part[m, 0], part[m, 1] = v, line[i, 1]
+            m += 1
+        if i + 1 < n:
+            for edge in (low, high):
+                if v < edge < line[i + 1, 0]:
+                    part[m, 0], part[m, 1] = edge, _at(line, i, edge)
+                    m += 1
+    return part[:m]
+
+
+@compiled
+def _band(line: FloatArray, threshold: float) -> FloatArray:
+    """Return the part of `line` with |v| < `threshold`; its ends are limits from inside."""
+    part = _cut(line, -threshold, threshold)
+    first, last = 0, part.shape[0] - 1
+    while first < last and part[first + 1, 0] == -threshold:
+        first += 1
+    while first < last and part[last - 1, 0] == threshold:
+        last -= 1
+    if first <= last and part[first, 0] == part[last, 0] and abs(part[first, 0]) >= threshold:
+        return part[:0]
+    return part[first : last + 1]
+
+
+@compiled
+def _image(
+    line: FloatArray, retained: float, low: float, high: float, slope: float
+) -> FloatArray:
+    """Return w -> slope*w + the maximum of `line` over the v with `low` <= w - a*v <= `high`."""
+    n = line.shape[0]
+    start = 0
+    image = line[:0]
+    while True:
+        # Each hill on its own: its rising edges move by `low`, its falling ones by `high`.
+        top = start
+        while top + 1 < n and line[top + 1, 1] >= line[top, 1]:
+            top += 1
+        end = top
+        while end + 1 < n and line[end + 1, 1] <= line[end, 1]:
+            end += 1
+        hill = np.empty((end - start + 2, 2))
+        for i in range(start, end + 2):
+            row, shift = (i, low) if i <= top else (i - 1, high)
+            w = retained * line[row, 0] + shift
+            hill[i - start, 0] = w
+            hill[i - start, 1] = line[row, 1] + slope * w
+        image = hill if start == 0 else _maximum(image, hill)
+        if end == n - 1:
+            return image
+        start = end
+
+
+@compiled
+def _append(line: FloatArray, m: int, v: float, y: float) -> int:
+    """Write (v, y) after the `m` rows of `line`, in place of a row on the way; return the count."""
+    if m > 0 and line[m - 1, 0] == v and line[m - 1, 1] == y:
+        return m
+    if m > 1:
+        v0, y0, v1, y1 = line[m - 2, 0], line[m - 2, 1], line[m - 1, 0], line[m - 1, 1]
+        off = (v1 - v0) * (y - y0) - (v - v0) * (y1 - y0)
+        if v0 < v1 < v and abs(off) <= _COLLINEAR * (v - v0):
+            m -= 1
+    line[m, 0], line[m, 1] = v, y
+    return m + 1
+
+
+@compiled
+def _maximum(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the greater of two lines whose domains overlap, over the union of the domains."""
+    na, nb = a.shape[0], b.shape[0]
+    line = np.empty((3 * (na + nb), 2))
+    m = i = j = 0
+    v, end = min(a[0, 0], b[0, 0]), max(a[na - 1, 0], b[nb - 1, 0])
+    while v < end:
+        while i < na - 1 and a[i + 1, 0] <= v:
+            i += 1
+        while j < nb - 1 and b[j + 1, 0] <= v:
+            j += 1
+        in_a, in_b = a[0, 0] <= v and i < na - 1, b[0, 0] <= v and j < nb - 1
+        following = end
+        if i < na - 1:
+            following = min(following, a[i + 1, 0] if in_a else a[0, 0])
+        if j < nb - 1:
+            following = min(following, b[j + 1, 0] if in_b else b[0, 0])
+        a0 = _at(a, i, v) if in_a else -math.inf
+        b0 = _at(b, j, v) if in_b else -math.inf
+        a1 = _at(a, i, following) if in_a else -math.inf
+        b1 = _at(b, j, following) if in_b else -math.inf
+        m = _append(line, m, v, max(a0, b0))
+        if in_a and in_b and (a0 - b0) * (a1 - b1) < 0.0:
+            share = (a0 - b0) / ((a0 - b0) - (a1 - b1))
+            crossing = v + share * (following - v)
+            if v < crossing < following:
+                m = _append(line, m, crossing, a0 + share * (a1 - a0))
+        m = _append(line, m, following, max(a1, b1))
+        v = following
+    return line[:m].copy()
+
+
+@compiled
+def _overlap(upper: FloatArray, lower: FloatArray) -> bool:
+    """Return whether no slice of the common domain has its upper end below its lower end."""
+    n, k = upper.shape[0], lower.shape[0]
+    v, end = max(upper[0, 0], lower[0, 0]), min(upper[n - 1, 0], lower[k - 1, 0])
+    if v >= end:
+        return False
+    i = j = 0
+    while v < end:
+        while upper[i + 1, 0] <= v:
+            i += 1
+        while lower[j + 1, 0] <= v:
+            j += 1
+        following = min(end, upper[i + 1, 0], lower[j + 1, 0])
+        if _at(upper, i, v) + _at(lower, j, v) < -_TOUCHING:
+            return False
+        if _at(upper, i, following) + _at(lower, j, following) < -_TOUCHING:
+            return False
+        v = following
+    return True
+
+
+@compiled
+def _join(
+    uppers: list[FloatArray], lowers: list[FloatArray], upper: FloatArray, lower: FloatArray
+) -> None:
+    """Add a piece to the lists, as one with all those whose slices it overlaps."""
+    i = 0
+    while i < len(uppers):
+        if _overlap(uppers[i], lower) and _overlap(upper, lowers[i]):
+            upper, lower = _maximum(uppers[i], upper), _maximum(lowers[i], lower)
+            uppers[i], lowers[i] = uppers[-1], lowers[-1]
+            uppers.pop()
+            lowers.pop()
+            i = 0
+        else:
+            i += 1
+    uppers.append(upper)
+    lowers.append(lower)
+
+
+@compiled
+def _merged(intervals: list[tuple[float, float]]) -> FloatArray:
+    """Return the union of intervals as disjoint ones (R, 2), in order."""
+    intervals.sort()
+    union = np.empty((len(intervals), 2))
+    m = 0
+    for low, high in intervals:
+        if m > 0 and low <= union[m - 1, 1] + _TOUCHING:
+            union[m - 1, 1] = max(union[m - 1, 1], high)
+        else:
+            union[m, 0], union[m, 1] = low, high
+            m += 1
+    return union[:m]
+
+
+@compiled
+def _nearest(
+    uppers: list[FloatArray],
+    lowers: list[FloatArray],
+    rests: FloatArray,
+    p: float,
+    v: float,
+    within: float,
+) -> tuple[float, float, float]:
+    """Return the distance from (p, v), and the nearest state; inf if farther than `within`."""
+    best, best_p, best_v = math.inf, math.nan, math.nan
+    for i in range(rests.shape[0]):
+        rest = min(max(p, rests[i, 0]), rests[i, 1])
+        distance = math.hypot(p - rest, v)
+        if distance <= within and distance < best:
+            best, best_p, best_v = distance, rest, 0.0
+    for i in range(len(uppers)):
+        upper, lower = uppers[i], lowers[i]
+        first, last = upper[0, 0], upper[-1, 0]
+        if max(first - v, v - last, 0.0) > min(within, best):
+            continue
+        if _below(p, v, upper) and _below(-p, v, lower):
+            return 0.0, p, v
+        # Down the upper line, up the lower one, and the two ends between them.
+        for line, sign in ((upper, 1.0), (lower, -1.0)):
+            for k in range(line.shape[0]):
+                p0, v0 = sign * line[k, 1], line[k, 0]
+                if k + 1 < line.shape[0]:
+                    p1, v1 = sign * line[k + 1, 1], line[k + 1, 0]
+                elif sign > 0:
+                    p1, v1 = -lower[-1, 1], last
+                else:
+                    p1, v1 = upper[0, 1], first
+                    p0, v0 = -lower[0, 1], first
+                length = (p1 - p0) ** 2 + (v1 - v0) ** 2
+                share = 0.0
+                if length > 0.0:
+                    share = ((p - p0) * (p1 - p0) + (v - v0) * (v1 - v0)) / length
+                    share = min(max(share, 0.0), 1.0)
+                near_p, near_v = p0 + share * (p1 - p0), v0 + share * (v1 - v0)
+                distance = math.hypot(p - near_p, v - near_v)
+                if distance <= within and distance < best:
+                    best, best_p, best_v = distance, near_p, near_v
+    return best, best_p, best_v
+
+
+@compiled
+def _below(y: float, v: float, line: FloatArray) -> bool:
+    """Return whether (v, y) lies on or under `line`."""
+    for i in range(line.shape[0] - 1):
+        if line[i, 0] <= v <= line[i + 1, 0]:
+            if line[i, 0] == line[i + 1, 0]:
+                if y <= max(line[i, 1], line[i + 1, 1]):
+                    return True
+            elif y <= _at(line, i, v):
+                return True
+    return False

@@ -21,6 +21,15 @@ Relative to the largest coordinate of start and target where that exceeds one.
 _TOUCHING = 1e-13
 """Slices (m) whose gap is smaller overlap; what rounding alone tears apart."""
 
+_SLIVER = 1e-12
+"""Ranges of velocity (m/s) that are narrower are not told apart."""
+
+_MAX_PIECES = 32
+"""Pieces of the reachable set beyond which the narrowest holes between them are filled."""
+
+_FILLED = 1e-9
+"""Width (m) of the holes that are filled first."""
+
 _COLLINEAR = 1e-15
 """Vertices (m) this near to the line between their neighbours are dropped."""
 
@@ -144,6 +153,7 @@ def _propagate(
                             next_lowers,
                             _image(upper, 1.0, low, high, time_step),
                             _image(lower, 1.0, low, high, -time_step),
+                            _TOUCHING,
                         )
         if limit > static:
             for i in range(rests.shape[0]):
@@ -155,6 +165,7 @@ def _propagate(
                         next_lowers,
                         _image(upper, 1.0, low, high, time_step),
                         _image(lower, 1.0, low, high, -time_step),
+                        _TOUCHING,
                     )
         for i in range(len(uppers)):
             for sign in (1.0, -1.0):
@@ -176,8 +187,16 @@ def _propagate(
                 edge, far = (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
                 upper, lower = _cut(upper, edge, far), _cut(lower, edge, far)
                 if upper.shape[0] > 0:
-                    _join(next_uppers, next_lowers, upper, lower)
+                    _join(next_uppers, next_lowers, upper, lower, _TOUCHING)
 
+        gap = _FILLED
+        while len(next_uppers) > _MAX_PIECES and gap < 1.0:
+            crowd_uppers, crowd_lowers = next_uppers.copy(), next_lowers.copy()
+            next_uppers.clear()
+            next_lowers.clear()
+            for i in range(len(crowd_uppers)):
+                _join(next_uppers, next_lowers, crowd_uppers[i], crowd_lowers[i], gap)
+            gap = 10.0 * gap
         uppers, lowers, rests = next_uppers, next_lowers, _merged(next_rests)
         within = math.inf if n == horizon else tolerance
         floor, nearest_p, nearest_v = _nearest(
@@ -235,9 +254,7 @@ def _band(line: FloatArray, threshold: float) -> FloatArray:
 
 
 @compiled
-def _image(
-    line: FloatArray, retained: float, low: float, high: float, slope: float
-) -> FloatArray:
+def _image(line: FloatArray, retained: float, low: float, high: float, slope: float) -> FloatArray:
     """Return w -> slope*w + the maximum of `line` over the v with `low` <= w - a*v <= `high`."""
     n = line.shape[0]
     start = 0
@@ -310,44 +327,87 @@ def _maximum(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 @compiled
-def _overlap(upper: FloatArray, lower: FloatArray) -> bool:
-    """Return whether no slice of the common domain has its upper end below its lower end."""
-    n, k = upper.shape[0], lower.shape[0]
-    v, end = max(upper[0, 0], lower[0, 0]), min(upper[n - 1, 0], lower[k - 1, 0])
-    if v >= end:
-        return False
-    i = j = 0
+def _shared(
+    upper: FloatArray, lower: FloatArray, other: FloatArray, other_lower: FloatArray, gap: float
+) -> tuple[float, float]:
+    """Return the first range of v in which the slices of two pieces are at most `gap` apart.
+
+    Empty (its end not above its start) if there is none.
+    """
+    lines = (upper, other_lower, other, lower)
+    begin = max(upper[0, 0], other[0, 0])
+    end = min(upper[-1, 0], other[-1, 0])
+    rows = [0, 0, 0, 0]
+    low, high = math.inf, -math.inf
+    v = begin
     while v < end:
-        while upper[i + 1, 0] <= v:
-            i += 1
-        while lower[j + 1, 0] <= v:
-            j += 1
-        following = min(end, upper[i + 1, 0], lower[j + 1, 0])
-        if _at(upper, i, v) + _at(lower, j, v) < -_TOUCHING:
-            return False
-        if _at(upper, i, following) + _at(lower, j, following) < -_TOUCHING:
-            return False
+        following = end
+        for k in range(4):
+            while lines[k][rows[k] + 1, 0] <= v:
+                rows[k] += 1
+            following = min(following, lines[k][rows[k] + 1, 0])
+        # Where both upper ends are above the other lower end, on this stretch.
+        first, last = v, following
+        for k in (0, 2):
+            y0 = gap + _at(lines[k], rows[k], v) + _at(lines[k + 1], rows[k + 1], v)
+            y1 = gap + _at(lines[k], rows[k], following)
+            y1 += _at(lines[k + 1], rows[k + 1], following)
+            if y0 < 0.0 and y1 < 0.0:
+                last = -math.inf
+            elif y0 < 0.0:
+                first = max(first, v + (following - v) * (y0 / (y0 - y1)))
+            elif y1 < 0.0:
+                last = min(last, v + (following - v) * (y0 / (y0 - y1)))
+        if (first > v or last < first) and high - low > _SLIVER:
+            return low, high
+        if first > v or high < v:
+            low = first
+        high = last
+        if last < following:
+            if last - low > _SLIVER:
+                return low, high
+            low, high = math.inf, -math.inf
         v = following
-    return True
+    return low, high
 
 
 @compiled
 def _join(
-    uppers: list[FloatArray], lowers: list[FloatArray], upper: FloatArray, lower: FloatArray
+    uppers: list[FloatArray],
+    lowers: list[FloatArray],
+    upper: FloatArray,
+    lower: FloatArray,
+    gap: float,
 ) -> None:
-    """Add a piece to the lists, as one with all those whose slices it overlaps."""
-    i = 0
-    while i < len(uppers):
-        if _overlap(uppers[i], lower) and _overlap(upper, lowers[i]):
+    """Add a piece to the lists, as one with those whose slices are at most `gap` apart from its.
+
+    Where they are so for some v only, the piece is cut there and its rest stays apart.
+    """
+    rest_uppers, rest_lowers = [upper], [lower]
+    while len(rest_uppers) > 0:
+        upper, lower = rest_uppers.pop(), rest_lowers.pop()
+        i = 0
+        while i < len(uppers):
+            low, high = _shared(uppers[i], lowers[i], upper, lower, gap)
+            if high - low <= _SLIVER:
+                i += 1
+                continue
+            if low > max(uppers[i][0, 0], upper[0, 0]) + _SLIVER:
+                rest_uppers.append(_cut(upper, -math.inf, low))
+                rest_lowers.append(_cut(lower, -math.inf, low))
+                upper, lower = _cut(upper, low, math.inf), _cut(lower, low, math.inf)
+            if high < min(uppers[i][-1, 0], upper[-1, 0]) - _SLIVER:
+                rest_uppers.append(_cut(upper, high, math.inf))
+                rest_lowers.append(_cut(lower, high, math.inf))
+                upper, lower = _cut(upper, -math.inf, high), _cut(lower, -math.inf, high)
             upper, lower = _maximum(uppers[i], upper), _maximum(lowers[i], lower)
+            # Numba's list.pop(i) releases the wrong reference.
             uppers[i], lowers[i] = uppers[-1], lowers[-1]
             uppers.pop()
             lowers.pop()
             i = 0
-        else:
-            i += 1
-    uppers.append(upper)
-    lowers.append(lower)
+        uppers.append(upper)
+        lowers.append(lower)
 
 
 @compiled

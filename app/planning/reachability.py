@@ -219,23 +219,36 @@ def _at(line: FloatArray, i: int, v: float) -> float:
 
 
 @compiled
+def _count(line: FloatArray, v: float, inclusive: bool) -> int:
+    """Return how many rows lie before `v`, or, if `inclusive`, not after it."""
+    low, high = 0, line.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if line[middle, 0] < v or (inclusive and line[middle, 0] == v):
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
 def _cut(line: FloatArray, low: float, high: float) -> FloatArray:
     """Return the part of `line` with `low` <= v <= `high`, jumps at either end included."""
     n = line.shape[0]
-    if line[0, 0] >= low and line[n - 1, 0] <= high:
-        return line
-    part = np.empty((n + 2, 2))
+    if line[0, 0] > high or line[n - 1, 0] < low:
+        return line[:0]
+    begin, end = _count(line, low, False), _count(line, high, True)
+    part = np.empty((end - begin + 2, 2))
     m = 0
-    for i in range(n):
-        v = line[i, 0]
-        if low <= v <= high:
-            part[m, 0], part[m, 1] = v, line[i, 1]
-            m += 1
-        if i + 1 < n:
-            for edge in (low, high):
-                if v < edge < line[i + 1, 0]:
-                    part[m, 0], part[m, 1] = edge, _at(line, i, edge)
-                    m += 1
+    if begin > 0 and (begin == n or line[begin, 0] > low):
+        part[m, 0], part[m, 1] = low, _at(line, begin - 1, low)
+        m += 1
+    for i in range(begin, end):
+        part[m, 0], part[m, 1] = line[i, 0], line[i, 1]
+        m += 1
+    if end < n and (end == 0 or line[end - 1, 0] < high):
+        part[m, 0], part[m, 1] = high, _at(line, end - 1, high)
+        m += 1
     return part[:m]
 
 
@@ -297,32 +310,42 @@ def _append(line: FloatArray, m: int, v: float, y: float) -> int:
 def _maximum(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the greater of two lines whose domains overlap, over the union of the domains."""
     na, nb = a.shape[0], b.shape[0]
-    line = np.empty((3 * (na + nb), 2))
-    m = i = j = 0
-    v, end = min(a[0, 0], b[0, 0]), max(a[na - 1, 0], b[nb - 1, 0])
+    begin, end = max(a[0, 0], b[0, 0]), min(a[na - 1, 0], b[nb - 1, 0])
+    line = np.empty((3 * (na + nb) + 2, 2))
+    m = 0
+    # Before and after the common domain, the one that is there.
+    early = a if a[0, 0] < b[0, 0] else b
+    count = _count(early, begin, False)
+    for k in range(count):
+        line[k, 0], line[k, 1] = early[k, 0], early[k, 1]
+    m = count
+    if count > 0:
+        m = _append(line, m, begin, _at(early, count - 1, begin))
+    i, j = _count(a, begin, True) - 1, _count(b, begin, True) - 1
+    v = begin
     while v < end:
-        while i < na - 1 and a[i + 1, 0] <= v:
+        while a[i + 1, 0] <= v:
             i += 1
-        while j < nb - 1 and b[j + 1, 0] <= v:
+        while b[j + 1, 0] <= v:
             j += 1
-        in_a, in_b = a[0, 0] <= v and i < na - 1, b[0, 0] <= v and j < nb - 1
-        following = end
-        if i < na - 1:
-            following = min(following, a[i + 1, 0] if in_a else a[0, 0])
-        if j < nb - 1:
-            following = min(following, b[j + 1, 0] if in_b else b[0, 0])
-        a0 = _at(a, i, v) if in_a else -math.inf
-        b0 = _at(b, j, v) if in_b else -math.inf
-        a1 = _at(a, i, following) if in_a else -math.inf
-        b1 = _at(b, j, following) if in_b else -math.inf
+        following = min(a[i + 1, 0], b[j + 1, 0])
+        a0, a1 = _at(a, i, v), _at(a, i, following)
+        b0, b1 = _at(b, j, v), _at(b, j, following)
         m = _append(line, m, v, max(a0, b0))
-        if in_a and in_b and (a0 - b0) * (a1 - b1) < 0.0:
+        if (a0 - b0) * (a1 - b1) < 0.0:
             share = (a0 - b0) / ((a0 - b0) - (a1 - b1))
             crossing = v + share * (following - v)
             if v < crossing < following:
                 m = _append(line, m, crossing, a0 + share * (a1 - a0))
         m = _append(line, m, following, max(a1, b1))
         v = following
+    late = a if a[na - 1, 0] > b[nb - 1, 0] else b
+    count = _count(late, end, True)
+    if count < late.shape[0]:
+        m = _append(line, m, end, _at(late, count - 1, end))
+        for k in range(count, late.shape[0]):
+            line[m, 0], line[m, 1] = late[k, 0], late[k, 1]
+            m += 1
     return line[:m].copy()
 
 
@@ -337,8 +360,12 @@ def _shared(
     lines = (upper, other_lower, other, lower)
     begin = max(upper[0, 0], other[0, 0])
     end = min(upper[-1, 0], other[-1, 0])
-    rows = [0, 0, 0, 0]
     low, high = math.inf, -math.inf
+    if begin >= end:
+        return low, high
+    rows = np.empty(4, dtype=np.int64)
+    for k in range(4):
+        rows[k] = _count(lines[k], begin, True) - 1
     v = begin
     while v < end:
         following = end

@@ -74,7 +74,9 @@ def reachability(problem: Problem) -> Reachability:
 
     A step cuts each piece at v = +-eps_v, maps the parts through their regimes, and joins images
     whose slices overlap wherever both have one. Holes, which the dead zone leaves near the start,
-    keep pieces apart until enough hops fill them. States at rest, v = 0, are intervals of their
+    keep pieces apart until enough hops fill them; only beyond `_MAX_PIECES` pieces, in plants
+    whose breakaway is many times finer than eps_v, are the narrowest holes filled (the floor is
+    then a lower bound). States at rest, v = 0, are intervals of their
     own: what enters the band |v| < eps_v may stop there and wait. Stops, waits, reversals and
     passages through the band without a stop are thus all covered, in any number.
 
@@ -118,93 +120,150 @@ def _propagate(
     parameters: Parameters,
 ) -> tuple[int, float, float, float]:
     """Return the first step within `tolerance` (-1: none), the floor and the nearest state."""
-    static, coulomb, damping, limit, time_step, threshold = parameters
-    retained = 1.0 - time_step * damping
-    slow, fast = time_step * (static - coulomb), time_step * (limit - coulomb)
-    brake = time_step * (limit + coulomb)
-
-    uppers = [np.array([[initial_velocity, 0.0]])]
-    lowers = [np.array([[initial_velocity, 0.0]])]
-    empty = np.empty((0, 2))
-    rests = empty
-    first = -1
-    floor, nearest_p, nearest_v = _nearest(
-        uppers, lowers, rests, target_displacement, target_velocity, math.inf
-    )
-    if floor <= tolerance:
-        first = 0
-    for n in range(1, horizon + 1):
-        if first >= 0 and (initial_velocity == 0.0 or target_velocity == 0.0):
-            break
-        next_uppers = [empty]
-        next_lowers = [empty]
-        next_uppers.clear()
-        next_lowers.clear()
-        next_rests = [(rest[0], rest[1]) for rest in rests]
-
-        for i in range(len(uppers)):
-            upper, lower = _band(uppers[i], threshold), _band(lowers[i], threshold)
-            if upper.shape[0] > 0:
-                next_rests.append((-lower[:, 1].max(), upper[:, 1].max()))
-                if limit > static:
-                    for low, high in ((slow, fast), (-fast, -slow)):
-                        _join(
-                            next_uppers,
-                            next_lowers,
-                            _image(upper, 1.0, low, high, time_step),
-                            _image(lower, 1.0, low, high, -time_step),
-                            _TOUCHING,
-                        )
-        if limit > static:
-            for i in range(rests.shape[0]):
-                upper = np.array([[0.0, rests[i, 1]]])
-                lower = np.array([[0.0, -rests[i, 0]]])
-                for low, high in ((slow, fast), (-fast, -slow)):
-                    _join(
-                        next_uppers,
-                        next_lowers,
-                        _image(upper, 1.0, low, high, time_step),
-                        _image(lower, 1.0, low, high, -time_step),
-                        _TOUCHING,
-                    )
-        for i in range(len(uppers)):
-            for sign in (1.0, -1.0):
-                low = -brake if sign > 0 else -fast
-                high = fast if sign > 0 else brake
-                edge, far = (threshold, math.inf) if sign > 0 else (-math.inf, -threshold)
-                upper, lower = _cut(uppers[i], edge, far), _cut(lowers[i], edge, far)
-                if upper.shape[0] == 0:
-                    continue
-                if fast <= 0.0:
-                    # No control holds the speed: the mass may stop from above the window of w = 0.
-                    reach = brake / retained
-                    edge, far = (-math.inf, reach) if sign > 0 else (-reach, math.inf)
-                    stopping, stopping_lower = _cut(upper, edge, far), _cut(lower, edge, far)
-                    if stopping.shape[0] > 0:
-                        next_rests.append((-stopping_lower[:, 1].max(), stopping[:, 1].max()))
-                upper = _image(upper, retained, low, high, time_step)
-                lower = _image(lower, retained, low, high, -time_step)
-                edge, far = (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
-                upper, lower = _cut(upper, edge, far), _cut(lower, edge, far)
-                if upper.shape[0] > 0:
-                    _join(next_uppers, next_lowers, upper, lower, _TOUCHING)
-
-        gap = _FILLED
-        while len(next_uppers) > _MAX_PIECES and gap < 1.0:
-            crowd_uppers, crowd_lowers = next_uppers.copy(), next_lowers.copy()
-            next_uppers.clear()
-            next_lowers.clear()
-            for i in range(len(crowd_uppers)):
-                _join(next_uppers, next_lowers, crowd_uppers[i], crowd_lowers[i], gap)
-            gap = 10.0 * gap
-        uppers, lowers, rests = next_uppers, next_lowers, _merged(next_rests)
+    uppers, lowers = [np.empty((1, 2))], [np.empty((1, 2))]
+    uppers[0][0, 0], uppers[0][0, 1] = initial_velocity, 0.0
+    lowers[0][0, 0], lowers[0][0, 1] = initial_velocity, 0.0
+    rests = np.empty((0, 2))
+    # What is reached from a standstill is its own mirror image: half of it tells all.
+    symmetric = initial_velocity == 0.0
+    if symmetric:
+        rests = np.zeros((1, 2))
+        uppers.clear()
+        lowers.clear()
+    first, floor, nearest_p, nearest_v = -1, math.inf, 0.0, 0.0
+    for n in range(horizon + 1):
+        if n > 0:
+            uppers, lowers, rests = _advance(uppers, lowers, rests, symmetric, parameters)
         within = math.inf if n == horizon else tolerance
         floor, nearest_p, nearest_v = _nearest(
             uppers, lowers, rests, target_displacement, target_velocity, within
         )
+        if symmetric:
+            other, other_p, other_v = _nearest(
+                uppers, lowers, rests, -target_displacement, -target_velocity, within
+            )
+            if other < floor:
+                floor, nearest_p, nearest_v = other, -other_p, -other_v
         if first < 0 and floor <= tolerance:
             first = n
+            if symmetric or target_velocity == 0.0:
+                break
     return first, floor, nearest_p, nearest_v
+
+
+@compiled
+def _advance(
+    uppers: list[FloatArray],
+    lowers: list[FloatArray],
+    rests: FloatArray,
+    symmetric: bool,
+    parameters: Parameters,
+) -> tuple[list[FloatArray], list[FloatArray], FloatArray]:
+    """Return the pieces and the rest positions one step later.
+
+    Of a `symmetric` set, the pieces hold the half with v >= 0, before and after.
+    """
+    threshold = parameters[5]
+    next_uppers, next_lowers = [rests], [rests]
+    next_uppers.clear()
+    next_lowers.clear()
+    next_rests = [(rest[0], rest[1]) for rest in rests]
+    for i in range(len(uppers)):
+        upper, lower = _band(uppers[i], threshold), _band(lowers[i], threshold)
+        if upper.shape[0] == 0:
+            continue
+        next_rests.append((-lower[:, 1].max(), upper[:, 1].max()))
+        _break_away(next_uppers, next_lowers, upper, lower, symmetric, parameters)
+        if symmetric:
+            upper, lower = _mirrored(lower), _mirrored(upper)
+            next_rests.append((-lower[:, 1].max(), upper[:, 1].max()))
+            _break_away(next_uppers, next_lowers, upper, lower, symmetric, parameters)
+    for i in range(rests.shape[0]):
+        upper, lower = np.zeros((1, 2)), np.zeros((1, 2))
+        upper[0, 1], lower[0, 1] = rests[i, 1], -rests[i, 0]
+        _break_away(next_uppers, next_lowers, upper, lower, symmetric, parameters)
+    for i in range(len(uppers)):
+        _slide(next_uppers, next_lowers, next_rests, uppers[i], lowers[i], 1.0, parameters)
+        if not symmetric:
+            _slide(next_uppers, next_lowers, next_rests, uppers[i], lowers[i], -1.0, parameters)
+    gap = _FILLED
+    while len(next_uppers) > _MAX_PIECES and gap < 1.0:
+        crowd_uppers, crowd_lowers = next_uppers.copy(), next_lowers.copy()
+        next_uppers.clear()
+        next_lowers.clear()
+        for i in range(len(crowd_uppers)):
+            _join(next_uppers, next_lowers, crowd_uppers[i], crowd_lowers[i], gap)
+        gap = 10.0 * gap
+    if symmetric:
+        for i in range(len(next_rests)):
+            next_rests.append((-next_rests[i][1], -next_rests[i][0]))
+    return next_uppers, next_lowers, _merged(next_rests)
+
+
+@compiled
+def _break_away(
+    uppers: list[FloatArray],
+    lowers: list[FloatArray],
+    upper: FloatArray,
+    lower: FloatArray,
+    half: bool,
+    parameters: Parameters,
+) -> None:
+    """Add what breaks away from a piece at rest, in either direction; its `half` with v >= 0."""
+    static, coulomb, _, limit, time_step, _ = parameters
+    if limit <= static:
+        return
+    slow, fast = time_step * (static - coulomb), time_step * (limit - coulomb)
+    for low, high in ((slow, fast), (-fast, -slow)):
+        image = _image(upper, 1.0, low, high, time_step)
+        image_lower = _image(lower, 1.0, low, high, -time_step)
+        if half:
+            image, image_lower = _cut(image, 0.0, math.inf), _cut(image_lower, 0.0, math.inf)
+        # Nothing but v = 0 may be left, which is at rest already.
+        if image.shape[0] > 0 and image[0, 0] < image[-1, 0]:
+            _join(uppers, lowers, image, image_lower, _TOUCHING)
+
+
+@compiled
+def _slide(
+    uppers: list[FloatArray],
+    lowers: list[FloatArray],
+    rests: list[tuple[float, float]],
+    upper: FloatArray,
+    lower: FloatArray,
+    sign: float,
+    parameters: Parameters,
+) -> None:
+    """Add where the part of a piece that slides in the direction of `sign` goes, or stops."""
+    _, coulomb, damping, limit, time_step, threshold = parameters
+    retained = 1.0 - time_step * damping
+    fast, brake = time_step * (limit - coulomb), time_step * (limit + coulomb)
+    low, high = (-brake, fast) if sign > 0 else (-fast, brake)
+    begin, end = (threshold, math.inf) if sign > 0 else (-math.inf, -threshold)
+    upper, lower = _cut(upper, begin, end), _cut(lower, begin, end)
+    if upper.shape[0] == 0:
+        return
+    if fast <= 0.0:
+        # No control holds the speed, so v need not lie in the window of w = 0 to be stopped.
+        reach = brake / retained
+        begin, end = (-math.inf, reach) if sign > 0 else (-reach, math.inf)
+        stopped, stopped_lower = _cut(upper, begin, end), _cut(lower, begin, end)
+        if stopped.shape[0] > 0:
+            rests.append((-stopped_lower[:, 1].max(), stopped[:, 1].max()))
+    upper = _image(upper, retained, low, high, time_step)
+    lower = _image(lower, retained, low, high, -time_step)
+    begin, end = (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
+    upper, lower = _cut(upper, begin, end), _cut(lower, begin, end)
+    if upper.shape[0] > 0 and upper[0, 0] < upper[-1, 0]:
+        _join(uppers, lowers, upper, lower, _TOUCHING)
+
+
+@compiled
+def _mirrored(line: FloatArray) -> FloatArray:
+    """Return `line` for -v; the upper line of the mirror image of a piece is its lower, so."""
+    mirrored = line[::-1].copy()
+    mirrored[:, 0] = -mirrored[:, 0]
+    return mirrored
 
 
 @compiled
@@ -350,6 +409,24 @@ def _maximum(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 @compiled
+def _above(
+    upper: FloatArray, i: int, lower: FloatArray, j: int, v: float, following: float, gap: float
+) -> tuple[float, float]:
+    """Return where between `v` and `following` the edges from rows `i` and `j` are in order.
+
+    That is, where the upper one is at most `gap` below the lower one; empty if nowhere.
+    """
+    before = gap + _at(upper, i, v) + _at(lower, j, v)
+    after = gap + _at(upper, i, following) + _at(lower, j, following)
+    if before >= 0.0 and after >= 0.0:
+        return v, following
+    if before < 0.0 and after < 0.0:
+        return following, v
+    crossing = v + (following - v) * (before / (before - after))
+    return (crossing, following) if before < 0.0 else (v, crossing)
+
+
+@compiled
 def _shared(
     upper: FloatArray, lower: FloatArray, other: FloatArray, other_lower: FloatArray, gap: float
 ) -> tuple[float, float]:
@@ -357,34 +434,27 @@ def _shared(
 
     Empty (its end not above its start) if there is none.
     """
-    lines = (upper, other_lower, other, lower)
-    begin = max(upper[0, 0], other[0, 0])
+    v = max(upper[0, 0], other[0, 0])
     end = min(upper[-1, 0], other[-1, 0])
     low, high = math.inf, -math.inf
-    if begin >= end:
+    if v >= end:
         return low, high
-    rows = np.empty(4, dtype=np.int64)
-    for k in range(4):
-        rows[k] = _count(lines[k], begin, True) - 1
-    v = begin
+    i, j = _count(upper, v, True) - 1, _count(lower, v, True) - 1
+    k, n = _count(other, v, True) - 1, _count(other_lower, v, True) - 1
     while v < end:
-        following = end
-        for k in range(4):
-            while lines[k][rows[k] + 1, 0] <= v:
-                rows[k] += 1
-            following = min(following, lines[k][rows[k] + 1, 0])
-        # Where both upper ends are above the other lower end, on this stretch.
-        first, last = v, following
-        for k in (0, 2):
-            y0 = gap + _at(lines[k], rows[k], v) + _at(lines[k + 1], rows[k + 1], v)
-            y1 = gap + _at(lines[k], rows[k], following)
-            y1 += _at(lines[k + 1], rows[k + 1], following)
-            if y0 < 0.0 and y1 < 0.0:
-                last = -math.inf
-            elif y0 < 0.0:
-                first = max(first, v + (following - v) * (y0 / (y0 - y1)))
-            elif y1 < 0.0:
-                last = min(last, v + (following - v) * (y0 / (y0 - y1)))
+        while upper[i + 1, 0] <= v:
+            i += 1
+        while lower[j + 1, 0] <= v:
+            j += 1
+        while other[k + 1, 0] <= v:
+            k += 1
+        while other_lower[n + 1, 0] <= v:
+            n += 1
+        following = min(upper[i + 1, 0], lower[j + 1, 0], other[k + 1, 0], other_lower[n + 1, 0])
+        first, last = _above(upper, i, other_lower, n, v, following, gap)
+        if first <= last:
+            begin, finish = _above(other, k, lower, j, v, following, gap)
+            first, last = max(first, begin), min(last, finish)
         if (first > v or last < first) and high - low > _SLIVER:
             return low, high
         if first > v or high < v:

@@ -201,14 +201,15 @@ def _search(
 ) -> float:
     """Return the least terminal error that a multi-start local search finds."""
     limit, static = parameters[3], parameters[0]
-    levels = np.array([-limit, -static, 0.0, static, limit])
+    least = min(static, limit)
+    levels = np.array([-limit, -least, 0.0, least, limit])
     best = np.inf
     controls, trial = np.empty(horizon), np.empty(horizon)
     for _ in range(restarts):
-        level = levels[rng.integers(5)]
+        level = levels[rng.integers(0, 5)]
         for k in range(horizon):
             if rng.random() < 3.0 / horizon:
-                level = levels[rng.integers(5)]
+                level = levels[rng.integers(0, 5)]
             controls[k] = level
         p, v = terminal_state(controls, start[0], start[1], parameters)
         error = math.hypot(p - target[0], v - target[1])
@@ -217,10 +218,10 @@ def _search(
             spread = limit * 10.0 ** (-7.0 * i / steps)
             trial[:] = controls
             for _ in range(rng.integers(1, 4)):
-                k = rng.integers(horizon)
+                k = int(rng.integers(0, horizon))
                 trial[k] += spread * rng.standard_normal()
                 if rng.random() < 0.2:
-                    trial[k] = levels[rng.integers(5)] * (1 + 1e-6 * rng.random())
+                    trial[k] = levels[rng.integers(0, 5)] * (1 + 1e-6 * rng.random())
                 trial[k] = min(limit, max(-limit, trial[k]))
             p, v = terminal_state(trial, start[0], start[1], parameters)
             found = math.hypot(p - target[0], v - target[1])

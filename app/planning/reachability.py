@@ -45,7 +45,11 @@ class Reachability:
     nearest_state: FloatArray
     """Terminal state [p, v] (2,) at that distance, in m and m/s."""
     minimum_steps: int | None
-    """Fewest steps that lead to a reachable target; 0 if it is the start, None if unreachable."""
+    """Fewest steps, at most H, that lead to a target that is reachable in H; None if it is not.
+
+    0 if the target is the start. A plan that takes this few steps need not end with a wait: whether
+    the target can also be reached in every number of steps up to H is another question.
+    """
 
 
 def reachability(problem: Problem) -> Reachability:
@@ -73,12 +77,13 @@ def reachability(problem: Problem) -> Reachability:
     polylines over v, exact, with some two vertices more each step.
 
     A step cuts each piece at v = +-eps_v, maps the parts through their regimes, and joins images
-    whose slices overlap wherever both have one. Holes, which the dead zone leaves near the start,
-    keep pieces apart until enough hops fill them; only beyond `_MAX_PIECES` pieces, in plants
-    whose breakaway is many times finer than eps_v, are the narrowest holes filled (the floor is
-    then a lower bound). States at rest, v = 0, are intervals of their
-    own: what enters the band |v| < eps_v may stop there and wait. Stops, waits, reversals and
-    passages through the band without a stop are thus all covered, in any number.
+    where their slices overlap. Holes, which the dead zone leaves near the start, keep pieces apart
+    until enough hops fill them. States at rest, v = 0, are intervals of their own: what enters the
+    band |v| < eps_v may stop there and wait. Stops, waits, reversals and passages through the band
+    without a stop are thus all covered, in any number. Only beyond `_MAX_PIECES` pieces (seen where
+    u_max is barely above f_s and eps_v at least twice the dead zone, so that breaking away takes
+    several steps inside the band) are the narrowest holes filled; the floor is then a lower bound,
+    and a target in such a hole counts as reachable.
 
     The floor is the distance from the target to X_H. Open ends (the dead zone, the band) are
     treated as closed, so it is an infimum that may be approached only.

@@ -63,11 +63,11 @@ def floor_of(system: System, start: FloatArray, target: FloatArray, horizon: int
     return reachability(Problem(start, target, system, horizon))
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=100)
 @given(SEEDS)
 def test_whatever_was_reached_is_reachable(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    system, horizon = random_system(rng), int(rng.choice([1, 2, 3, 4, 6, 10, 20, 64]))
+    system, horizon = random_system(rng), int(rng.choice([1, 2, 3, 4, 6, 10, 20, 40]))
     start = random_start(rng, system)
     controls = random_controls(rng, system, 2, horizon)
     for states in rollout(system, start, controls):

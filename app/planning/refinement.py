@@ -1,7 +1,7 @@
 """Refinement: from the candidates of any method to plans that arrive, through the true dynamics.
 
 A wrapper around every method: it takes candidates and returns candidates. The descent of one of
-them is in gauss_newton.py, other motions in repair.py, wishes among exact plans in objectives.py.
+them is in gauss_newton.py, other motions in repair.py, energy and roughness in null_space.py.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from app.planning.compilation import compiled
 from app.planning.gauss_newton import EXACT, arrive, terminal_error_of
+from app.planning.null_space import descend
+from app.planning.objectives import TOLERANCE, Objective
 from app.planning.problem import Problem
 from app.planning.repair import overwrite_best_window, switching_sequences
 from app.planning.system import FloatArray, Parameters
@@ -57,18 +59,24 @@ class Refined:
     errors_before: FloatArray
     """(K,), terminal errors of the candidates as they came."""
     errors: FloatArray
-    """(K,), terminal errors of `controls`; none above the one before."""
+    """(K,), terminal errors of `controls`: none above the one before, give or take 1e-12."""
     replaced: NDArray[np.bool_]
     """(K,), whether a repair overwrote the candidate's own motion."""
     rollouts: int
     """Rollouts spent, of the whole horizon or a part of it."""
 
 
-def refine(problem: Problem, controls: FloatArray, options: Refinement) -> Refined:
+def refine(
+    problem: Problem,
+    controls: FloatArray,
+    options: Refinement,
+    objective: Objective = "terminal_error",
+) -> Refined:
     """Lower the terminal errors of candidates `controls` (K, H), clipped to the bounds first.
 
     From the best candidate to the worst, each is descended by damped Gauss-Newton with the exact
-    derivative of the plant (gauss_newton.py). The first to arrive ends the refinement.
+    derivative of the plant (gauss_newton.py). Where the terminal error alone matters, the first to
+    arrive ends the refinement.
 
     Descent keeps the motion that a candidate has, and stalls where that is the wrong one: nothing
     moves, the mass stops too early or leaves in the wrong direction. If none has arrived, `repair`
@@ -76,6 +84,17 @@ def refine(problem: Problem, controls: FloatArray, options: Refinement) -> Refin
     coast, brake) and puts the best of them in the place of the worst refined candidate; then it
     overwrites windows of the best one with full or no control as long as that helps. Every change
     is kept only where the true rollout improves.
+
+    With the objective "control_energy" or "control_smoothness" the candidates that arrive equally
+    well then descend it without leaving their terminal states (null_space.py), so that each is
+    locally the least of its kind. The stuck steps are a count and have no slope: that objective
+    only asks for every candidate to arrive. Which candidate is best says `best_candidate`.
+
+    Args:
+        problem: start, target, plant and horizon H.
+        controls: (K, H), m/s^2; left as they are.
+        options: how much to spend.
+        objective: what to want among plans that arrive.
     """
     limit = problem.system.control_limit
     refined = np.clip(np.asarray(controls, dtype=np.float64), -limit, limit)
@@ -87,7 +106,18 @@ def refine(problem: Problem, controls: FloatArray, options: Refinement) -> Refin
         options.iterations,
         len(refined) if options.num_refined is None else min(options.num_refined, len(refined)),
         options.repair,
+        objective == "terminal_error",
     )
+    if objective in ("control_energy", "control_smoothness"):
+        rollouts += _descend_equals(
+            refined,
+            errors,
+            problem.initial_state,
+            problem.target_state,
+            problem.system.parameters,
+            objective == "control_smoothness",
+            options.iterations,
+        )
     return Refined(refined, errors_before, errors, replaced, rollouts)
 
 
@@ -100,6 +130,7 @@ def _refine(
     iterations: int,
     num_refined: int,
     repair: bool,
+    one_is_enough: bool,
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], int]:
     """Refine `controls` (K, H) in place."""
     position, velocity = initial_state[0], initial_state[1]
@@ -114,9 +145,9 @@ def _refine(
     for i in chosen:
         errors[i], spent = arrive(controls[i], position, velocity, target, parameters, iterations)
         rollouts += spent
-        if errors[i] <= EXACT:
-            return errors_before, errors, replaced, rollouts
-    if repair:
+        if errors[i] <= EXACT and one_is_enough:
+            break
+    if repair and errors.min() > EXACT:
         worst = chosen[np.argmax(errors[chosen])]
         restart, error, spent = _restart(
             position, velocity, target, parameters, iterations, controls.shape[1]
@@ -132,6 +163,32 @@ def _refine(
         if error < errors[best]:
             errors[best], replaced[best] = error, True
     return errors_before, errors, replaced, rollouts
+
+
+@compiled
+def _descend_equals(
+    controls: FloatArray,
+    errors: FloatArray,
+    initial_state: FloatArray,
+    target: FloatArray,
+    parameters: Parameters,
+    roughness: bool,
+    iterations: int,
+) -> int:
+    """Descend the objective of the candidates that arrive as well as the best; return rollouts."""
+    rollouts = 0
+    for i in np.flatnonzero(errors <= errors.min() + TOLERANCE):
+        errors[i], spent = descend(
+            controls[i],
+            initial_state[0],
+            initial_state[1],
+            target,
+            parameters,
+            roughness,
+            iterations,
+        )
+        rollouts += spent
+    return rollouts
 
 
 @compiled

@@ -15,8 +15,8 @@ from app.planning.system import FloatArray, rollout
 def least_by_ipopt(problem: Problem, controls: FloatArray, objective: Objective) -> float:
     """Return the least objective that IPOPT finds from `controls` (H,), in their own motion.
 
-    The plant is written down anew: each step keeps its branch (sliding forwards or backwards, stuck,
-    broken away or stopped) by constraints, and the terminal state is the one that `controls` reach.
+    The plant is written down anew: constraints keep each step on its branch (sliding forwards or
+    backwards, stuck, broken away or stopped) and the terminal state where `controls` lead.
     """
     casadi: Any = pytest.importorskip("casadi")
     system, horizon = problem.system, problem.horizon

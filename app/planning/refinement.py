@@ -15,7 +15,8 @@ from app.planning.compilation import compiled
 from app.planning.gauss_newton import EXACT, arrive, terminal_error_of
 from app.planning.null_space import descend
 from app.planning.objectives import TOLERANCE, Objective
-from app.planning.problem import Problem
+from app.planning.options import OPTION_CHECKS, check_ranges
+from app.planning.problem import Cost, Problem
 from app.planning.repair import overwrite_best_window, switching_sequences
 from app.planning.system import FloatArray, Parameters
 
@@ -30,13 +31,9 @@ MAX_WINDOWS = 6
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """Descent of the terminal error from the candidates of a method.
+    """Descent of the terminal error from the candidates of a method."""
 
-    Raises:
-        ValueError: an option is out of its range.
-    """
-
-    __pydantic_config__ = {"extra": "forbid", "allow_inf_nan": False}
+    __pydantic_config__ = OPTION_CHECKS
 
     iterations: Annotated[int, Ge(1), Le(1000)] = 40
     """Gauss-Newton steps at most, each time a descent starts."""
@@ -46,8 +43,18 @@ class Refinement:
     """Where no candidate arrives by descent alone, try other motions: see `refine`."""
 
     def __post_init__(self) -> None:
-        if self.iterations < 1 or (self.num_refined is not None and self.num_refined < 1):
-            raise ValueError("iterations and num_refined must be positive")
+        """Check the ranges.
+
+        Raises:
+            ValueError: an option is out of its range.
+        """
+        check_ranges(self)
+        if self.num_refined is not None and self.num_refined < 1:
+            raise ValueError("num_refined must be at least 1")
+
+    def cost(self, num_candidates: int) -> Cost:
+        """Return about what `refine` takes at most; what it took is known only afterwards."""
+        return Cost(rollouts=2 * self.iterations * (num_candidates + NUM_RESTARTS))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,9 @@
 """The `breakaway` command."""
 
 import json
+import sys
+from contextlib import AsyncExitStack, asynccontextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -13,11 +16,14 @@ from rich.table import Column, Table
 from app.settings import Settings
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
     import numpy as np
     from numpy.typing import NDArray
 
     from app.api.schemas import PlanResponse
     from app.client.multistep_random import Result
+    from app.client.planner_client import PlannerClient
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
@@ -66,6 +72,12 @@ def plan(
     num_candidates: Annotated[int, typer.Option("--num-candidates", "-k", help="K.")] = 16,
     seed: Annotated[int | None, typer.Option(help="Decides every random draw.")] = None,
     model: Annotated[str | None, typer.Option(help="Model name, or name/version.")] = None,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Descend from the candidates to a plan that arrives.")
+    ] = False,
+    objective: Annotated[
+        str, typer.Option(help="What ranks plans that arrive equally well.")
+    ] = "terminal_error",
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the plan to this file.", dir_okay=False)
     ] = None,
@@ -75,7 +87,7 @@ def plan(
     ] = None,
 ) -> None:
     """Make one plan in this process, without a server, and print its measures."""
-    from app.api.errors import BeyondLimit
+    from app.api.errors import InvalidField
     from app.api.runtime import available_cores, start_service
     from app.api.schemas import PlanRequest
     from app.inference.engine import Engine
@@ -90,6 +102,8 @@ def plan(
                 "num_candidates": num_candidates,
                 "seed": seed,
                 "model": model,
+                "refine": refine,
+                "objective": objective,
                 "include": ["states", "candidates"],
             }
         )
@@ -99,7 +113,7 @@ def plan(
         _fail(f"--method is neither a name nor a JSON object: {error}")
     except ValidationError as error:
         _fail(_explain(error))
-    except (ModelRejected, BeyondLimit, LookupError, ValueError) as error:
+    except (ModelRejected, InvalidField, LookupError, ValueError) as error:
         _fail(str(error))
     _print_plan(answer)
     try:
@@ -114,38 +128,67 @@ def plan(
         _fail(str(error))
 
 
+class Suite(StrEnum):
+    """What can be evaluated."""
+
+    MULTISTEP_RANDOM = "multistep-random"
+    LEARNED_PRIOR = "learned-prior"
+
+
 @app.command()
 def evaluate(
+    suite: Annotated[
+        Suite,
+        typer.Argument(
+            help="multistep-random: the paper's Table 2. learned-prior: what the learned prior "
+            "buys once every method is refined."
+        ),
+    ],
     methods: Annotated[
-        list[str] | None, typer.Option("--method", help="A method; may be repeated. [default: all]")
+        list[str] | None,
+        typer.Option("--method", help="A method; may be repeated. [multistep-random]"),
     ] = None,
     budgets: Annotated[
         list[int] | None,
-        typer.Option("--num-candidates", "-k", help="K; may be repeated. [default: 16 32 128]"),
+        typer.Option("--num-candidates", "-k", help="K; may be repeated. [multistep-random]"),
     ] = None,
-    num_sequences: Annotated[int, typer.Option("--sequences", min=1)] = 30,
-    num_runs: Annotated[int, typer.Option("--runs", min=1, help="Runs of each sequence.")] = 5,
+    num_sequences: Annotated[
+        int, typer.Option("--sequences", min=1, help="Sequences. [multistep-random]")
+    ] = 30,
+    num_runs: Annotated[
+        int, typer.Option("--runs", min=1, help="Runs of each sequence. [multistep-random]")
+    ] = 5,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Refine every plan. [multistep-random]")
+    ] = False,
+    num_tasks: Annotated[int, typer.Option("--tasks", min=2, help="[learned-prior]")] = 500,
     seed: Annotated[int, typer.Option(min=0, help="Decides the tasks.")] = 0,
     url: Annotated[
         str | None, typer.Option(help="A running service. [default: one in this process]")
     ] = None,
 ) -> None:
-    """Redo the paper's random multi-step evaluation (Table 2), the paper's numbers beside."""
+    """Evaluate the methods on the same random tasks, the paper's numbers beside."""
     import asyncio
 
     import httpx
 
+    async def run() -> None:
+        async with _client(url) as client:
+            if suite is Suite.LEARNED_PRIOR:
+                await _evaluate_learned_prior(client, num_tasks, seed)
+            else:
+                await _evaluate_multistep_random(
+                    client,
+                    methods or ["dataset_prior", "cem", "action_diffusion"],
+                    budgets or [16, 32, 128],
+                    num_sequences,
+                    num_runs,
+                    seed,
+                    refine,
+                )
+
     try:
-        asyncio.run(
-            _evaluate(
-                url,
-                methods or ["dataset_prior", "cem", "action_diffusion"],
-                budgets or [16, 32, 128],
-                num_sequences,
-                num_runs,
-                seed,
-            )
-        )
+        asyncio.run(run())
     except httpx.HTTPStatusError as error:
         _fail(f"the service refused: {error.response.text}")
     except (httpx.HTTPError, TimeoutError) as error:
@@ -154,20 +197,13 @@ def evaluate(
         _fail(_explain(error))
 
 
-async def _evaluate(
-    url: str | None,
-    methods: list[str],
-    budgets: list[int],
-    num_sequences: int,
-    num_runs: int,
-    seed: int,
-) -> None:
-    from contextlib import AsyncExitStack
-
+@asynccontextmanager
+async def _client(url: str | None) -> "AsyncIterator[PlannerClient]":
+    """Yield a client of the service at `url`, or of one in this process."""
     import httpx
     from asgi_lifespan import LifespanManager
 
-    from app.client.multistep_random import evaluate, wait_until_ready
+    from app.client.planner_client import PlannerClient
     from app.main import create_app
 
     async with AsyncExitStack() as stack:
@@ -175,23 +211,51 @@ async def _evaluate(
         if url is None:
             service = await stack.enter_async_context(LifespanManager(create_app(_settings([]))))
             transport = httpx.ASGITransport(service.app)
-        client = await stack.enter_async_context(
-            httpx.AsyncClient(
-                base_url=url or "http://in-process", transport=transport, timeout=None
-            )
+        http = httpx.AsyncClient(
+            base_url=url or "http://in-process", transport=transport, timeout=None
         )
-        await wait_until_ready(client)
-        typer.echo(
-            f"{num_sequences} sequences x {num_runs} runs, seed {seed}: mean ± standard deviation "
-            "(the paper's mean)"
-        )
-        header = ("method", "K", "mean end error", "final error", "stuck steps", "ms a plan")
-        typer.echo("{:<17}{:>4}{:>23}{:>16}{:>21}{:>12}".format(*header))
-        async for result in evaluate(client, methods, budgets, num_sequences, num_runs, seed):
-            typer.echo(_evaluation_row(result))
+        client = PlannerClient(await stack.enter_async_context(http))
+        await client.wait_until_ready()
+        yield client
+
+
+async def _evaluate_multistep_random(
+    client: "PlannerClient",
+    methods: list[str],
+    budgets: list[int],
+    num_sequences: int,
+    num_runs: int,
+    seed: int,
+    refine: bool,
+) -> None:
+    from app.client.multistep_random import evaluate
+
+    typer.echo(
+        f"{num_sequences} sequences x {num_runs} runs, seed {seed}"
+        f"{', refined' if refine else ''}: mean ± standard deviation (the paper's mean)\n"
+    )
+    typer.echo("| method | K | mean end error | floor | final error | stuck steps | ms a plan |")
+    typer.echo("| --- | --- | --- | --- | --- | --- | --- |")
+    async for result in evaluate(client, methods, budgets, num_sequences, num_runs, seed, refine):
+        typer.echo(_evaluation_row(result))
+
+
+async def _evaluate_learned_prior(client: "PlannerClient", num_tasks: int, seed: int) -> None:
+    from app.client.learned_prior import entrants, evaluate, report
+
+    outcomes = []
+    with typer.progressbar(length=len(list(entrants())), file=sys.stderr) as bar:
+        async for outcome in evaluate(client, num_tasks, seed):
+            outcomes.append(outcome)
+            bar.update(1)
+    typer.echo(f"{num_tasks} tasks, seed {seed}\n")
+    for line in report(outcomes):
+        typer.echo(line)
 
 
 def _evaluation_row(result: "Result") -> str:
+    from app.client.multistep_random import TARGETS_PER_SEQUENCE
+
     def spread(values: "NDArray[np.float64]", digits: int) -> str:
         return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
 
@@ -199,9 +263,9 @@ def _evaluation_row(result: "Result") -> str:
     end_error = spread(result.mean_end_errors, 3) + (f" ({paper.mean_end_error})" if paper else "")
     stuck = spread(result.stuck_steps, 1) + (f" ({paper.stuck_steps})" if paper else "")
     return (
-        f"{result.method:<17}{result.num_candidates:>4}{end_error:>23}"
-        f"{spread(result.final_errors, 3):>16}{stuck:>21}"
-        f"{result.compute_ms.mean() / 3:>12.1f}"
+        f"| `{result.method}` | {result.num_candidates} | {end_error} "
+        f"| {result.mean_end_floors.mean():.3f} | {spread(result.final_errors, 3)} | {stuck} "
+        f"| {result.compute_ms.mean() / TARGETS_PER_SEQUENCE:.2f} |"
     )
 
 
@@ -274,6 +338,8 @@ def _print_plan(answer: "PlanResponse") -> None:
     table = Table(title=f"{answer.method}, seed {answer.seed}", show_header=False)
     rows = {
         "terminal error": f"{answer.terminal_error:.6f}",
+        "floor": f"{answer.reachability.floor:.6f}",
+        "gap": f"{answer.gap:.2e}",
         "control energy": f"{answer.control_energy:.3f} (m/s²)²",
         "control smoothness": f"{answer.control_smoothness:.3f} (m/s²)²",
         "stuck steps": str(answer.stuck_steps),

@@ -22,8 +22,8 @@ RETRY_AFTER_SECONDS = "1"
 log = logging.getLogger(__name__)
 
 
-class BeyondLimit(Exception):
-    """A request asks for more than this service allows; `pointer` is the field to lower."""
+class InvalidField(Exception):
+    """A field at `pointer` that fits its schema, but not this service or the other fields."""
 
     def __init__(self, pointer: str, detail: str) -> None:
         super().__init__(detail)
@@ -75,7 +75,7 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(Exception, _unexpected)
-    app.add_exception_handler(BeyondLimit, _beyond_limit)
+    app.add_exception_handler(InvalidField, _invalid_field)
     _install(app, InvalidStepCount, lambda r, e: _one_field(r, "/method/steps", e))
     _install(app, UnfitModel, lambda r, e: _one_field(r, "/system", e))
     _install(
@@ -119,8 +119,8 @@ def _one_field(request: Request, pointer: str, error: Exception) -> Response:
     return field_problem(request, [FieldError(pointer=pointer, detail=str(error))])
 
 
-async def _beyond_limit(request: Request, error: Exception) -> Response:
-    assert isinstance(error, BeyondLimit)
+async def _invalid_field(request: Request, error: Exception) -> Response:
+    assert isinstance(error, InvalidField)
     return _one_field(request, error.pointer, error)
 
 

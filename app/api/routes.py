@@ -81,7 +81,7 @@ async def plan(
     def answer(waited_ms: float) -> str:
         return service.plan(request, waited_ms).model_dump_json(exclude_none=True)
 
-    return _json(await runtime.workers.run(answer, needs_network=_needs_network(request)))
+    return _json(await runtime.workers.run(answer, needs_network=service.needs_network(request)))
 
 
 @router.post(
@@ -98,7 +98,7 @@ async def plan_multistep(
     def answer(waited_ms: float) -> str:
         return service.plan_multistep(request, waited_ms).model_dump_json(exclude_none=True)
 
-    return _json(await runtime.workers.run(answer, needs_network=_needs_network(request)))
+    return _json(await runtime.workers.run(answer, needs_network=service.needs_network(request)))
 
 
 @router.get("/methods", tags=["about"])
@@ -154,10 +154,6 @@ async def readyz() -> Health:
 async def home() -> RedirectResponse:
     """Send a browser to the documentation."""
     return RedirectResponse("docs")
-
-
-def _needs_network(request: PlanRequest | MultistepPlanRequest) -> bool:
-    return request.method.cost(request.num_candidates).network_evaluations > 0
 
 
 def _json(body: str) -> Response:

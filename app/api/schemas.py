@@ -5,7 +5,9 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
 
 from app.planning.methods import METHODS, ActionDiffusion, AnyMethod
+from app.planning.objectives import Objective
 from app.planning.problem import DEFAULT_HORIZON
+from app.planning.refinement import Refinement
 from app.planning.system import System
 
 MAX_TARGETS = 64
@@ -18,7 +20,9 @@ State = Annotated[
     Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
 ]
 Inclusion: TypeAlias = Literal["states", "candidates"]
-MethodName: TypeAlias = Literal["action_diffusion", "dataset_prior", "uniform", "cem"]
+MethodName: TypeAlias = Literal[
+    "action_diffusion", "dataset_prior", "uniform", "cem", "icem", "mppi"
+]
 TaggedMethod = Annotated[AnyMethod, Field(discriminator="name")]
 MethodField = Annotated[
     TaggedMethod,
@@ -28,6 +32,14 @@ MethodField = Annotated[
     ),
     Field(description="A method's name, or an object with its name and options (see /methods)."),
 ]
+
+
+class Initial(BaseModel):
+    """Where an optimiser starts: the candidates of another method are its first population."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    method: MethodField
 
 
 class _Request(BaseModel):
@@ -51,6 +63,24 @@ class _Request(BaseModel):
         None,
         description="A model's name, or name/version; by default the one that fits the plant.",
         max_length=128,
+    )
+    initial: Initial | None = Field(
+        None, description="Start an optimiser (cem, icem, mppi) from another method's candidates."
+    )
+    refine: Annotated[
+        Refinement | None,
+        BeforeValidator(
+            lambda value: {True: {}, False: None}[value] if isinstance(value, bool) else value,
+            json_schema_input_type=bool | Refinement | None,
+        ),
+    ] = Field(
+        None,
+        description="Descend from the candidates through the true dynamics: true, or options.",
+    )
+    objective: Objective = Field(
+        "terminal_error",
+        description="What ranks candidates that arrive equally well, and with `refine` what is "
+        "lowered among the plans that arrive.",
     )
     include: list[Inclusion] = Field(
         ["states"],
@@ -123,11 +153,33 @@ class CostReport(BaseModel):
     rollouts: int = Field(description="Control sequences rolled out over the whole horizon.")
 
 
+class ReachabilityReport(BaseModel):
+    """How near any plan could come to the target, by the physics alone."""
+
+    reachable: bool = Field(description="Whether the floor is zero, to within rounding.")
+    floor: float = Field(description="Least terminal error over all admissible controls.")
+    nearest_state: tuple[float, float] = Field(description="A state at that distance.")
+    minimum_steps: int | None = Field(
+        None, description="Fewest steps in which the target can be reached; absent if it cannot."
+    )
+
+
+class RefinementReport(BaseModel):
+    """What refinement did to the best terminal error."""
+
+    error_before: float = Field(description="Of the best candidate as proposed.")
+    error_after: float
+    replaced: bool = Field(
+        description="Whether a repair put another motion in the selected candidate's place."
+    )
+
+
 class TimingReport(BaseModel):
     """Wall-clock milliseconds in the server."""
 
     queue: float = Field(description="Waiting for a free core or for the network.")
     propose: float
+    refine: float
     rollout: float = Field(description="Rolling out, ranking and measuring.")
     total: float
 
@@ -148,6 +200,9 @@ class Segment(BaseModel):
         None, description="(H+1, 2): position (m) and velocity (m/s)."
     )
     terminal_error: float = Field(description="||x_H - x*||_2.")
+    gap: float = Field(description="Terminal error less its floor.")
+    reachability: ReachabilityReport
+    refinement: RefinementReport | None = Field(None, description="Absent without `refine`.")
     control_energy: float = Field(description="sum of u_k^2.")
     control_smoothness: float = Field(description="sum of (u_{k+1} - u_k)^2.")
     stuck_steps: int = Field(
@@ -177,6 +232,9 @@ class MultistepPlanResponse(_Provenance):
     states: list[tuple[float, float]] | None = Field(None, description="(M*H+1, 2).")
     final_error: float = Field(description="Terminal error of the last segment.")
     mean_end_error: float = Field(description="Terminal error averaged over the segments.")
+    mean_end_floor: float = Field(
+        description="Floor of the terminal error averaged over the segments, each from its start."
+    )
     stuck_steps: int
     cost: CostReport
     timing_ms: TimingReport

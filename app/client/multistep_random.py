@@ -4,15 +4,14 @@ import asyncio
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 
-import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from app.api.schemas import MultistepPlanRequest, MultistepPlanResponse
+from app.api.schemas import MultistepPlanRequest
+from app.client.planner_client import PlannerClient
 
 TARGETS_PER_SEQUENCE = 3
 MAX_TARGET_POSITION = 1.0
-CONCURRENCY = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +45,7 @@ class Result:
     method: str
     num_candidates: int
     mean_end_errors: NDArray[np.float64]
+    mean_end_floors: NDArray[np.float64]
     final_errors: NDArray[np.float64]
     stuck_steps: NDArray[np.float64]
     compute_ms: NDArray[np.float64]
@@ -71,12 +71,13 @@ def random_sequences(num_sequences: int, seed: int) -> list[list[tuple[float, fl
 
 
 async def evaluate(
-    client: httpx.AsyncClient,
+    client: PlannerClient,
     methods: Sequence[str],
     budgets: Sequence[int],
     num_sequences: int,
     num_runs: int,
     seed: int,
+    refine: bool = False,
 ) -> AsyncIterator[Result]:
     """Plan every sequence `num_runs` times with every method and K, from rest at 0.
 
@@ -86,30 +87,26 @@ async def evaluate(
         httpx.HTTPError: the service cannot be reached, or refuses a request.
     """
     sequences = random_sequences(num_sequences, seed)
-    slots = asyncio.Semaphore(CONCURRENCY)
 
-    async def ask(method: str, k: int, sequence: int, run: int) -> MultistepPlanResponse:
+    def request(method: str, k: int, sequence: int, run: int) -> MultistepPlanRequest:
         request_seed = np.random.SeedSequence([seed, sequence, run]).generate_state(1)[0]
-        request = MultistepPlanRequest.model_validate(
+        return MultistepPlanRequest.model_validate(
             {
                 "initial_state": (0.0, 0.0),
                 "targets": sequences[sequence],
                 "method": method,
                 "num_candidates": k,
                 "seed": int(request_seed),
+                "refine": refine,
                 "include": [],
             }
         )
-        async with slots:
-            answer = await client.post("/plan_multistep", json=request.model_dump())
-        answer.raise_for_status()
-        return MultistepPlanResponse.model_validate_json(answer.content)
 
     for method in methods:
         for k in budgets:
             answers = await asyncio.gather(
                 *(
-                    ask(method, k, sequence, run)
+                    client.plan_multistep(request(method, k, sequence, run))
                     for sequence in range(num_sequences)
                     for run in range(num_runs)
                 )
@@ -118,19 +115,8 @@ async def evaluate(
                 method,
                 k,
                 np.array([answer.mean_end_error for answer in answers]),
+                np.array([answer.mean_end_floor for answer in answers]),
                 np.array([answer.final_error for answer in answers]),
                 np.array([float(answer.stuck_steps) for answer in answers]),
                 np.array([a.timing_ms.total - a.timing_ms.queue for a in answers]),
             )
-
-
-async def wait_until_ready(client: httpx.AsyncClient, timeout_s: float = 60.0) -> None:
-    """Ask `/readyz` until it says yes.
-
-    Raises:
-        TimeoutError: it did not within `timeout_s`.
-        httpx.HTTPError: the service cannot be reached.
-    """
-    async with asyncio.timeout(timeout_s):
-        while (await client.get("/readyz")).status_code != httpx.codes.OK:
-            await asyncio.sleep(0.1)

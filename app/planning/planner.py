@@ -1,4 +1,4 @@
-"""How a plan comes about: propose, roll out, rank, measure. The one road to a plan."""
+"""How a plan comes about: propose, refine, roll out, rank, measure. The one road to a plan."""
 
 from collections.abc import Sequence
 from time import perf_counter
@@ -12,15 +12,11 @@ from app.planning.metrics import (
     stuck_steps,
     terminal_error,
 )
-from app.planning.problem import (
-    Cost,
-    MultistepPlan,
-    Plan,
-    PlanningError,
-    Problem,
-    RankedCandidates,
-    Timing,
-)
+from app.planning.objectives import Objective, best_candidate
+from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
+from app.planning.problem import Cost, PlanningError, Problem, Timing
+from app.planning.reachability import reachability
+from app.planning.refinement import Refined, Refinement, refine
 from app.planning.system import FloatArray, System, rollout
 
 
@@ -30,6 +26,8 @@ def plan(
     num_candidates: int,
     rng: np.random.Generator,
     learned: LearnedProposal | None = None,
+    refinement: Refinement | None = None,
+    objective: Objective = "terminal_error",
 ) -> Plan:
     """Plan from `problem.initial_state` to `problem.target_state` (paper, Sect. 3.5).
 
@@ -39,6 +37,9 @@ def plan(
         num_candidates: K.
         rng: every random draw comes from it.
         learned: the learned proposal, for methods that need one.
+        refinement: descend from the candidates through the true dynamics before they are ranked;
+            None ranks them as they were proposed (the paper).
+        objective: what ranks candidates that arrive equally well.
 
     Raises:
         PlanningError: the method proposed controls that are not finite.
@@ -51,32 +52,49 @@ def plan(
     controls = np.clip(proposal.controls, -limit, limit)
     proposed = perf_counter()
 
+    refined = refine(problem, controls, refinement, objective) if refinement else None
+    if refined:
+        controls = refined.controls
+    refined_at = perf_counter()
+
     states = rollout(problem.system, problem.initial_state, controls)
     errors = terminal_error(states[:, -1], problem.target_state)
-    best = int(np.argmin(errors))
+    best = best_candidate(problem, controls, states, errors, objective)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
-    rolled_out = perf_counter()
+    reach = reachability(problem)
+    measured = perf_counter()
 
     return Plan(
         controls=controls[best],
         states=states[best],
         terminal_error=float(errors[best]),
+        reachability=reach,
         control_energy=float(control_energy(controls[best])),
         control_smoothness=float(control_smoothness(controls[best])),
         stuck_steps=int(stuck),
-        cost=plan_cost(method, num_candidates),
+        refinement=_effect(refined, best, float(errors[best])) if refined else None,
+        cost=plan_cost(method, num_candidates) + Cost(rollouts=refined.rollouts if refined else 0),
         timing=Timing(
             queue=proposal.queue_ms,
             propose=(proposed - started) * 1e3 - proposal.queue_ms,
-            rollout=(rolled_out - proposed) * 1e3,
+            refine=(refined_at - proposed) * 1e3,
+            rollout=(measured - refined_at) * 1e3,
         ),
         candidates=RankedCandidates(controls, states, errors),
     )
 
 
 def plan_cost(method: Method, num_candidates: int) -> Cost:
-    """Return what `plan` will take: the proposal, then one rollout of each candidate."""
+    """Return what `plan` takes without refinement: proposing, then a rollout of each candidate."""
     return method.cost(num_candidates) + Cost(rollouts=num_candidates)
+
+
+def _effect(refined: Refined, best: int, error: float) -> RefinementEffect:
+    return RefinementEffect(
+        error_before=float(refined.errors_before.min()),
+        error_after=error,
+        replaced=bool(refined.replaced[best]),
+    )
 
 
 def plan_multistep(
@@ -88,6 +106,8 @@ def plan_multistep(
     num_candidates: int,
     rng: np.random.Generator,
     learned: LearnedProposal | None = None,
+    refinement: Refinement | None = None,
+    objective: Objective = "terminal_error",
 ) -> MultistepPlan:
     """Plan to each of `target_states` in turn, from the state that the plan before it reached.
 
@@ -102,7 +122,7 @@ def plan_multistep(
     state = initial_state
     for target_state in target_states:
         problem = Problem(state, target_state, system, horizon)
-        segments.append(plan(problem, method, num_candidates, rng, learned))
+        segments.append(plan(problem, method, num_candidates, rng, learned, refinement, objective))
         state = segments[-1].states[-1]
     return MultistepPlan(
         segments=tuple(segments),
@@ -112,6 +132,7 @@ def plan_multistep(
         ),
         final_error=segments[-1].terminal_error,
         mean_end_error=float(np.mean([segment.terminal_error for segment in segments])),
+        mean_end_floor=float(np.mean([segment.reachability.floor for segment in segments])),
         stuck_steps=sum(segment.stuck_steps for segment in segments),
         cost=sum((segment.cost for segment in segments), Cost()),
         timing=sum((segment.timing for segment in segments), Timing()),

@@ -1,4 +1,4 @@
-"""The words everybody speaks: Problem, Candidates, Cost, Plan, MultistepPlan."""
+"""The words everybody speaks: Problem, Candidates, Cost, Timing. What comes out is in plan.py."""
 
 from dataclasses import dataclass, field
 
@@ -69,17 +69,21 @@ class Timing:
     queue: float = 0.0
     """Waiting for the network."""
     propose: float = 0.0
+    refine: float = 0.0
     rollout: float = 0.0
-    """Rolling out, ranking and measuring."""
+    """Rolling out, ranking and measuring, the floor of the error too."""
 
     def __add__(self, other: "Timing") -> "Timing":
         return Timing(
-            self.queue + other.queue, self.propose + other.propose, self.rollout + other.rollout
+            self.queue + other.queue,
+            self.propose + other.propose,
+            self.refine + other.refine,
+            self.rollout + other.rollout,
         )
 
     @property
     def total(self) -> float:
-        return self.queue + self.propose + self.rollout
+        return self.queue + self.propose + self.refine + self.rollout
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,50 +92,3 @@ class Candidates:
 
     controls: FloatArray
     queue_ms: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class RankedCandidates:
-    """All candidates of a plan as they were rolled out, in the order proposed."""
-
-    controls: FloatArray
-    """(K, H)."""
-    states: FloatArray
-    """(K, H+1, 2)."""
-    terminal_errors: FloatArray
-    """(K,)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """The best candidate of one problem, with the measures of that very rollout."""
-
-    controls: FloatArray
-    """(H,)."""
-    states: FloatArray
-    """(H+1, 2)."""
-    terminal_error: float
-    control_energy: float
-    control_smoothness: float
-    stuck_steps: int
-    cost: Cost
-    timing: Timing
-    candidates: RankedCandidates
-
-
-@dataclass(frozen=True, slots=True)
-class MultistepPlan:
-    """Plans for M targets, one after the other, and the sequence that they compose."""
-
-    segments: tuple[Plan, ...]
-    controls: FloatArray
-    """(M*H,)."""
-    states: FloatArray
-    """(M*H+1, 2)."""
-    final_error: float
-    """Terminal error of the last segment."""
-    mean_end_error: float
-    """Terminal error averaged over the segments."""
-    stuck_steps: int
-    cost: Cost
-    timing: Timing

@@ -51,12 +51,14 @@ def test_every_method_listed_can_be_asked_for_by_name_and_by_default_options(
     client: httpx.Client,
 ) -> None:
     methods = client.get("/methods").json()
-    assert {method["name"] for method in methods} == {
+    assert [method["name"] for method in methods] == [
         "action_diffusion",
         "dataset_prior",
         "uniform",
         "cem",
-    }
+        "icem",
+        "mppi",
+    ]
     for method in methods:
         defaults = {
             name: option["default"]

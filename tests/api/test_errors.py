@@ -117,6 +117,14 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
             "",
         ),
         ({"include": ["everything"]}, "/include/0", ""),
+        ({"initial": {"method": "cem"}}, "/initial", "cem, icem, mppi can be started"),
+        ({"method": "cem", "initial": "uniform"}, "/initial", ""),
+        ({"method": "cem", "initial": {"method": "annealing"}}, "/initial/method", "no method"),
+        ({"refine": 3}, "/refine", ""),
+        ({"refine": {"iterations": 0}}, "/refine/iterations", ""),
+        ({"refine": {"num_refined": 0}}, "/refine/num_refined", ""),
+        ({"refine": {"speed": 1}}, "/refine/speed", ""),
+        ({"objective": "fame"}, "/objective", ""),
         ({"surprise": 1}, "/surprise", ""),
     ],
 )
@@ -207,6 +215,8 @@ json_values = st.recursive(
                 "horizon",
                 "model",
                 "include",
+                "refine",
+                "objective",
             )
         },
     )

@@ -10,7 +10,7 @@ import pytest
 
 from app.planning.system import System, rollout
 
-METHODS = ["action_diffusion", "dataset_prior", "uniform", "cem"]
+METHODS = ["action_diffusion", "dataset_prior", "uniform", "cem", "icem", "mppi"]
 
 
 def plan(client: httpx.Client, **fields: Any) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def test_only_the_states_are_required(client: httpx.Client) -> None:
     assert len(answer["controls"]) == 64
     assert np.shape(answer["states"]) == (65, 2)
     assert "candidates" not in answer
-    assert set(answer["timing_ms"]) == {"queue", "propose", "rollout", "total"}
+    assert set(answer["timing_ms"]) == {"queue", "propose", "refine", "rollout", "total"}
 
 
 def test_guidance_costs_a_second_prediction_only_where_it_is_used(client: httpx.Client) -> None:
@@ -178,3 +178,71 @@ def test_compiled_methods_do_not_wait_for_the_network(client: httpx.Client) -> N
     plan(client, method="cem")
     assert thread.is_alive()
     thread.join()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_refined_plan_arrives_and_says_what_it_was_before(
+    client: httpx.Client, method: str
+) -> None:
+    plain = plan(client, method=method, seed=1)
+    refined = plan(client, method=method, seed=1, refine=True)
+    assert plain["gap"] == pytest.approx(plain["terminal_error"], abs=1e-9)
+    assert "refinement" not in plain
+    assert refined["refinement"]["error_before"] == pytest.approx(plain["terminal_error"])
+    assert refined["refinement"]["error_after"] == refined["terminal_error"]
+    assert refined["terminal_error"] < 1e-6
+    states = rollout(System(), np.zeros(2), np.array([refined["controls"]]))[0]
+    np.testing.assert_array_equal(states, refined["states"])
+
+
+def test_every_plan_says_what_can_be_reached(client: httpx.Client) -> None:
+    near = plan(client, method="cem")["reachability"]
+    assert near["reachable"] is True
+    assert near["floor"] == pytest.approx(0.0, abs=1e-9)
+    assert 0 < near["minimum_steps"] < 64
+    far = plan(client, method="dataset_prior", target_state=[2.0, 0.0], refine=True)
+    assert far["reachability"]["reachable"] is False
+    assert "minimum_steps" not in far["reachability"]
+    distance = np.hypot(far["reachability"]["nearest_state"][0] - 2.0, 0.0)
+    assert far["reachability"]["floor"] >= distance - 1e-9
+    assert far["gap"] == pytest.approx(far["terminal_error"] - far["reachability"]["floor"])
+    assert far["gap"] < 1e-3
+
+
+def test_an_objective_chooses_among_plans_that_arrive(client: httpx.Client) -> None:
+    options: dict[str, Any] = {"method": "dataset_prior", "refine": True, "seed": 1}
+    plain = plan(client, **options)
+    thrifty = plan(client, objective="control_energy", **options)
+    assert thrifty["terminal_error"] < 2e-6
+    assert thrifty["control_energy"] < plain["control_energy"]
+
+
+def test_refinement_takes_options(client: httpx.Client) -> None:
+    far = {"target_state": [0.8, 0.0], "method": "uniform", "num_candidates": 1, "seed": 1}
+    repaired = plan(client, refine={"iterations": 20}, **far)
+    bare = plan(client, refine={"iterations": 20, "repair": False}, **far)
+    assert repaired["terminal_error"] < 1e-6
+    assert repaired["refinement"]["replaced"]
+    assert not bare["refinement"]["replaced"]
+    assert "refinement" not in plan(client, refine=False, **far)
+
+
+def test_segments_of_a_refined_plan_stand_beside_their_floors(client: httpx.Client) -> None:
+    answer = plan_multistep(client, method="dataset_prior", refine=True, seed=3)
+    floors = [segment["reachability"]["floor"] for segment in answer["segments"]]
+    assert answer["mean_end_floor"] == pytest.approx(np.mean(floors))
+    assert answer["mean_end_error"] == pytest.approx(answer["mean_end_floor"], abs=1e-6)
+
+
+@pytest.mark.parametrize("optimiser", ["cem", "icem", "mppi"])
+@pytest.mark.parametrize("initial", ["action_diffusion", "dataset_prior"])
+def test_an_optimiser_starts_from_the_candidates_of_another_method(
+    client: httpx.Client, optimiser: str, initial: str
+) -> None:
+    first = plan(client, method=initial, seed=5)
+    started = plan(client, method=optimiser, initial={"method": initial}, seed=5)
+    assert started["method"] == optimiser
+    assert started["terminal_error"] <= first["terminal_error"] + 1e-9
+    assert ("model" in started) == (initial == "action_diffusion")
+    assert started["cost"]["network_evaluations"] == first["cost"]["network_evaluations"]
+    assert started["cost"]["rollouts"] > first["cost"]["rollouts"]

@@ -8,6 +8,7 @@ import pytest
 
 from app.api.schemas import MultistepPlanRequest
 from app.client.multistep_random import Result, evaluate, random_sequences
+from app.client.planner_client import PlannerClient
 from app.settings import Settings
 from tests.serving import serving, wait_until_ready
 
@@ -24,7 +25,8 @@ def test_sequences_depend_on_the_seed_alone() -> None:
 
 
 async def collect(url: str, methods: list[str], budgets: list[int]) -> list[Result]:
-    async with httpx.AsyncClient(base_url=url, timeout=60) as client:
+    async with httpx.AsyncClient(base_url=url, timeout=60) as http:
+        client = PlannerClient(http)
         return [result async for result in evaluate(client, methods, budgets, 3, 2, seed=5)]
 
 
@@ -60,7 +62,8 @@ async def test_every_method_gets_the_same_tasks_and_seeds() -> None:
 
     async with httpx.AsyncClient(
         base_url="http://nowhere", transport=httpx.MockTransport(answer)
-    ) as client:
+    ) as http:
+        client = PlannerClient(http)
         for method in ("cem", "uniform"):
             with pytest.raises(httpx.HTTPStatusError):
                 async for _ in evaluate(client, [method], [16], 4, 2, seed=5):

@@ -3,30 +3,39 @@
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.planning.methods import CEM, METHODS, ActionDiffusion, DatasetPrior, Uniform
+from app.planning.methods import CEM, ICEM, METHODS, MPPI, ActionDiffusion, DatasetPrior, Uniform
 from app.planning.methods.base import LearnedProposal, Method
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps
+from app.planning.objectives import Objective
+from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_cost, plan_multistep
 from app.planning.problem import (
     Candidates,
     Cost,
-    MultistepPlan,
-    Plan,
     PlanningError,
     Problem,
     as_state,
 )
+from app.planning.refinement import Refinement
 from app.planning.system import FloatArray, System, rollout
 
 SYSTEM = System()
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
-EVERY_METHOD: list[Method] = [ActionDiffusion(), DatasetPrior(), Uniform(), CEM(iterations=3)]
+EVERY_METHOD: list[Method] = [
+    ActionDiffusion(),
+    DatasetPrior(),
+    Uniform(),
+    CEM(iterations=3),
+    ICEM(iterations=3),
+    MPPI(iterations=3),
+]
 TARGETS = [np.array([0.4, 0.0]), np.array([-0.4, 0.0]), np.array([0.2, 0.0])]
 
 
@@ -210,7 +219,9 @@ def test_the_wait_of_the_proposal_is_reported_as_queueing() -> None:
     timing = plan_with(ActionDiffusion()).timing
 
     assert timing.queue == 2.5
-    assert timing.total == pytest.approx(timing.queue + timing.propose + timing.rollout)
+    assert timing.total == pytest.approx(
+        timing.queue + timing.propose + timing.refine + timing.rollout
+    )
 
 
 @by_name
@@ -318,3 +329,94 @@ def test_what_is_not_two_finite_numbers_is_no_state(state: list[float]) -> None:
 def test_a_horizon_of_no_steps_is_refused() -> None:
     with pytest.raises(ValueError, match="horizon"):
         Problem(np.zeros(2), np.zeros(2), SYSTEM, 0)
+
+
+def rest_to_rest(position: float) -> Problem:
+    return Problem(np.zeros(2), np.array([position, 0.0]))
+
+
+@given(position=st.floats(-1.5, 1.5), seed=st.integers(0, 2**32 - 1))
+def test_a_plan_stands_beside_its_floor(position: float, seed: int) -> None:
+    made = plan(rest_to_rest(position), DatasetPrior(), 4, np.random.default_rng(seed))
+
+    assert made.terminal_error >= made.reachability.floor - 1e-9
+    assert made.gap == pytest.approx(made.terminal_error - made.reachability.floor, abs=1e-9)
+    assert made.gap >= 0.0
+
+
+@pytest.mark.parametrize("method", [DatasetPrior(), Uniform(), CEM(iterations=3)])
+def test_refinement_serves_every_method_and_arrives(method: Method) -> None:
+    for position in (-0.9, -0.2, 0.05, 0.6):
+        problem = rest_to_rest(position)
+        plain = plan(problem, method, 4, np.random.default_rng(0))
+        refined = plan(problem, method, 4, np.random.default_rng(0), refinement=Refinement())
+
+        assert refined.refinement is not None
+        assert refined.refinement.error_before == pytest.approx(plain.terminal_error)
+        assert refined.refinement.error_after == refined.terminal_error
+        assert refined.terminal_error < 1e-9
+        again = rollout(SYSTEM, problem.initial_state, refined.controls[None])[0]
+        np.testing.assert_array_equal(again, refined.states)
+        assert plain.refinement is None
+        assert refined.cost.rollouts > plain.cost.rollouts
+
+
+def test_an_unreachable_target_is_approached_to_its_floor() -> None:
+    problem = rest_to_rest(1.4)
+    made = plan(problem, DatasetPrior(), 16, np.random.default_rng(0), refinement=Refinement())
+
+    assert not made.reachability.reachable
+    assert made.reachability.floor > 0.05
+    assert made.gap < 1e-6
+    np.testing.assert_allclose(made.states[-1], made.reachability.nearest_state, atol=1e-5)
+
+
+def test_an_objective_is_lowered_among_plans_that_arrive() -> None:
+    def planned(objective: Objective) -> Plan:
+        return plan(
+            rest_to_rest(0.5),
+            DatasetPrior(),
+            16,
+            np.random.default_rng(0),
+            refinement=Refinement(),
+            objective=objective,
+        )
+
+    usual, thrifty, smooth, quick = (planned(objective) for objective in get_args(Objective))
+
+    for made in (usual, thrifty, smooth, quick):
+        assert made.terminal_error < 2e-6
+    assert thrifty.control_energy < 0.8 * usual.control_energy
+    assert smooth.control_smoothness < 0.3 * usual.control_smoothness
+    assert quick.stuck_steps <= usual.stuck_steps
+
+
+def test_an_objective_never_outranks_the_terminal_error() -> None:
+    lazy = plan(
+        rest_to_rest(0.5),
+        DatasetPrior(),
+        64,
+        np.random.default_rng(0),
+        objective="control_energy",
+    )
+
+    assert lazy.terminal_error <= lazy.candidates.terminal_errors.min() + 1e-6
+
+
+def test_a_multistep_plan_knows_the_floors_of_its_segments() -> None:
+    targets = [np.array([1.4, 0.0]), np.array([0.2, 0.0])]
+    made = plan_multistep(
+        np.zeros(2),
+        targets,
+        SYSTEM,
+        64,
+        DatasetPrior(),
+        16,
+        np.random.default_rng(0),
+        refinement=Refinement(),
+    )
+
+    floors = [segment.reachability.floor for segment in made.segments]
+    assert floors[0] > 0.05
+    assert made.mean_end_floor == pytest.approx(np.mean(floors))
+    assert made.mean_end_error == pytest.approx(made.mean_end_floor, abs=1e-6)

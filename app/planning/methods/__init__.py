@@ -5,9 +5,26 @@ from typing import TypeAlias
 from app.planning.methods.action_diffusion import ActionDiffusion
 from app.planning.methods.cem import CEM
 from app.planning.methods.dataset_prior import DatasetPrior
+from app.planning.methods.icem import ICEM
+from app.planning.methods.mppi import MPPI
+from app.planning.methods.started import Started
 from app.planning.methods.uniform import Uniform
 
-AnyMethod: TypeAlias = ActionDiffusion | DatasetPrior | Uniform | CEM
-__all__ = ["CEM", "METHODS", "ActionDiffusion", "AnyMethod", "DatasetPrior", "Uniform"]
+AnyOptimiser: TypeAlias = CEM | ICEM | MPPI
+AnyMethod: TypeAlias = ActionDiffusion | DatasetPrior | Uniform | AnyOptimiser
+__all__ = [
+    "CEM",
+    "ICEM",
+    "METHODS",
+    "MPPI",
+    "OPTIMISERS",
+    "ActionDiffusion",
+    "AnyMethod",
+    "AnyOptimiser",
+    "DatasetPrior",
+    "Started",
+    "Uniform",
+]
 
-METHODS: tuple[type[AnyMethod], ...] = (ActionDiffusion, DatasetPrior, Uniform, CEM)
+OPTIMISERS: tuple[type[AnyOptimiser], ...] = (CEM, ICEM, MPPI)
+METHODS: tuple[type[AnyMethod], ...] = (ActionDiffusion, DatasetPrior, Uniform, *OPTIMISERS)

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from app.planning.compilation import compiled
-from app.planning.methods.base import LearnedProposal
+from app.planning.methods.base import LearnedProposal, check_initial_controls
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.system import FloatArray, Parameters, terminal_state
@@ -48,8 +48,28 @@ class CEM:
         learned: LearnedProposal | None,
     ) -> Candidates:
         """Return the last population (K, H), with the best sequence of all iterations in it."""
+        return self.improve(problem, num_candidates, rng, None)
+
+    def improve(
+        self,
+        problem: Problem,
+        num_candidates: int,
+        rng: np.random.Generator,
+        initial_controls: FloatArray | None,
+    ) -> Candidates:
+        """Do as `propose` does, with `initial_controls` (K, H) for the first population, if given.
+
+        Raises:
+            ValueError: the initial controls are not of shape (K, H).
+        """
+        first = (
+            np.empty((0, problem.horizon))
+            if initial_controls is None
+            else check_initial_controls(initial_controls, problem, num_candidates)
+        )
         population = _optimise(
             rng,
+            first,
             num_candidates,
             problem.horizon,
             problem.initial_state,
@@ -70,6 +90,7 @@ class CEM:
 @compiled
 def _optimise(
     rng: np.random.Generator,
+    first: FloatArray,
     num_candidates: int,
     horizon: int,
     initial_state: FloatArray,
@@ -80,6 +101,7 @@ def _optimise(
     initial_std: float,
     min_std: float,
 ) -> FloatArray:
+    """Return the last population; the first is `first` (K, H), or drawn where that is (0, H)."""
     limit = parameters[3]
     population = np.empty((num_candidates, horizon))
     errors = np.empty(num_candidates)
@@ -89,9 +111,12 @@ def _optimise(
     best_error = np.inf
     for iteration in range(iterations):
         for candidate in range(num_candidates):
-            for k in range(horizon):
-                control = mean[k] + std[k] * rng.standard_normal()
-                population[candidate, k] = min(limit, max(-limit, control))
+            if iteration == 0 and first.shape[0] > 0:
+                population[candidate] = first[candidate]
+            else:
+                for k in range(horizon):
+                    control = mean[k] + std[k] * rng.standard_normal()
+                    population[candidate, k] = min(limit, max(-limit, control))
             p, v = terminal_state(
                 population[candidate], initial_state[0], initial_state[1], parameters
             )

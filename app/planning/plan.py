@@ -1,0 +1,75 @@
+"""What planning gives: a Plan, a MultistepPlan, and the candidates behind them."""
+
+from dataclasses import dataclass
+
+from app.planning.problem import Cost, Timing
+from app.planning.reachability import Reachability
+from app.planning.system import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class RankedCandidates:
+    """All candidates of a plan as they were rolled out, in the order proposed."""
+
+    controls: FloatArray
+    """(K, H)."""
+    states: FloatArray
+    """(K, H+1, 2)."""
+    terminal_errors: FloatArray
+    """(K,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementEffect:
+    """What refinement did to the best terminal error."""
+
+    error_before: float
+    """Of the best candidate as proposed."""
+    error_after: float
+    replaced: bool
+    """Whether the selected plan follows a motion that a repair put in the candidate's place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The best candidate of one problem, with the measures of that very rollout."""
+
+    controls: FloatArray
+    """(H,)."""
+    states: FloatArray
+    """(H+1, 2)."""
+    terminal_error: float
+    reachability: Reachability
+    """How near any plan could come."""
+    control_energy: float
+    control_smoothness: float
+    stuck_steps: int
+    refinement: RefinementEffect | None
+    cost: Cost
+    timing: Timing
+    candidates: RankedCandidates
+
+    @property
+    def gap(self) -> float:
+        """Terminal error less its floor; rounding never makes it negative."""
+        return max(0.0, self.terminal_error - self.reachability.floor)
+
+
+@dataclass(frozen=True, slots=True)
+class MultistepPlan:
+    """Plans for M targets, one after the other, and the sequence that they compose."""
+
+    segments: tuple[Plan, ...]
+    controls: FloatArray
+    """(M*H,)."""
+    states: FloatArray
+    """(M*H+1, 2)."""
+    final_error: float
+    """Terminal error of the last segment."""
+    mean_end_error: float
+    """Terminal error averaged over the segments."""
+    mean_end_floor: float
+    """Floor of the terminal error averaged over the segments, each from where it starts."""
+    stuck_steps: int
+    cost: Cost
+    timing: Timing

@@ -1,7 +1,7 @@
 """What the learned prior buys once every method is refined: the same tasks for all, paired.
 
-Success is to end within 1e-3 of the floor, exactness within 1e-6. Energy, roughness and stuck steps are those of the plans
-answered, whether they succeed or not.
+Success is to end within 1e-3 of the floor, exactness within 1e-6. Energy, roughness and stuck steps
+are those of the plans answered, whether they succeed or not.
 """
 
 import asyncio
@@ -130,20 +130,21 @@ def difference(first: Outcome, second: Outcome, measure: str) -> tuple[float, fl
 
 def report(outcomes: list[Outcome]) -> Iterator[str]:
     """Write the table, and what action_diffusion buys over the dataset prior at the same K."""
-    yield "| refined by | method | K | success | exact | energy | roughness | stuck steps | ms (median) |"
+    yield f"| refined by | method | K | {' | '.join(MEASURES)} | ms (median) |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     for outcome in outcomes:
         entrant, measures = outcome.entrant, outcome.measures
         yield (
             f"| {_refined_by(entrant)} | `{entrant.method}` | {entrant.num_candidates} "
             f"| {measures['success'].mean():.1%} | {measures['exact'].mean():.1%} "
-            f"| {measures['energy'].mean():.1f} | {measures['roughness'].mean():.2f} | {measures['stuck steps'].mean():.1f} "
+            f"| {measures['energy'].mean():.1f} | {measures['roughness'].mean():.2f} "
+            f"| {measures['stuck steps'].mean():.1f} "
             f"| {np.median(outcome.compute_ms):.2f} |"
         )
     yield ""
     yield "action_diffusion less dataset_prior at the same K, paired, with 95 % intervals:"
     yield ""
-    yield "| refined by | K | success | exact | energy | roughness | stuck steps |"
+    yield f"| refined by | K | {' | '.join(MEASURES)} |"
     yield "| --- | --- | --- | --- | --- | --- | --- |"
     found = {outcome.entrant: outcome for outcome in outcomes}
     for entrant, outcome in found.items():

@@ -32,8 +32,10 @@ from app.planning.system import System
 
 router = APIRouter()
 
+# Dependencies are coroutines: plain functions would each take a trip through a thread.
 
-def get_runtime(request: Request) -> Runtime:
+
+async def get_runtime(request: Request) -> Runtime:
     """Return what the lifespan set up."""
     runtime = request.state.runtime
     assert isinstance(runtime, Runtime)
@@ -43,7 +45,7 @@ def get_runtime(request: Request) -> Runtime:
 RuntimeDependency = Annotated[Runtime, Depends(get_runtime)]
 
 
-def get_service(runtime: RuntimeDependency) -> PlanningService:
+async def get_service(runtime: RuntimeDependency) -> PlanningService:
     """Return the planning service, once it is ready."""
     return runtime.service
 

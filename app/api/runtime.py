@@ -35,7 +35,7 @@ def start_service(settings: Settings, engine: Engine) -> PlanningService:
         ModelRejected: a model of the store is not what its manifest says.
     """
     warm_up()
-    models = ModelStore.load(settings.model_store, choose_device())
+    models = engine.run(ModelStore.load, settings.model_store, choose_device())
     return PlanningService(settings, models, engine)
 
 

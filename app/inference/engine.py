@@ -1,7 +1,9 @@
 """The engine: one thread that owns the network and its device, one sampling at a time."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from time import perf_counter
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 import torch
@@ -10,6 +12,9 @@ from app.inference.model_store import Model
 from app.inference.samplers import SAMPLERS, guided, sampling_times
 from app.planning.problem import Candidates, Problem
 from app.planning.system import FloatArray
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Engine:
@@ -30,6 +35,15 @@ class Engine:
     def bind(self, model: Model) -> "EngineProposal":
         """Return `model` as a learned proposal that samples in this engine."""
         return EngineProposal(self._thread, model)
+
+    def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Return `function(...)`, called in the engine's thread.
+
+        Models are loaded and warmed up there too: OpenMP keeps a pool of threads for each thread
+        that has ever used it, and once the pools together exceed the cores, all of them wait
+        asleep instead of spinning (sampling then takes 2.5 times as long on two cores).
+        """
+        return self._thread.submit(function, *args, **kwargs).result()
 
     def close(self) -> None:
         """Finish what was submitted, then end the thread."""

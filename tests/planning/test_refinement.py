@@ -246,5 +246,5 @@ def test_the_objective_chooses_among_those_that_arrive() -> None:
 
 @pytest.mark.parametrize("options", [{"iterations": 0}, {"num_refined": 0}])
 def test_options_out_of_range_are_refused(options: dict[str, int]) -> None:
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="must be at least 1"):
         Refinement(**options)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ import sys
 from contextlib import AsyncExitStack, asynccontextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from pydantic import ValidationError
@@ -98,7 +98,7 @@ def plan(
             {
                 "initial_state": start,
                 "target_state": target,
-                "method": json.loads(method) if method.startswith("{") else method,
+                "method": _method(method),
                 "num_candidates": num_candidates,
                 "seed": seed,
                 "model": model,
@@ -133,6 +133,7 @@ class Suite(StrEnum):
 
     MULTISTEP_RANDOM = "multistep-random"
     LEARNED_PRIOR = "learned-prior"
+    SAMPLER_FRONTIER = "sampler-frontier"
 
 
 @app.command()
@@ -141,28 +142,37 @@ def evaluate(
         Suite,
         typer.Argument(
             help="multistep-random: the paper's Table 2. learned-prior: what the learned prior "
-            "buys once every method is refined."
+            "buys once every method is refined. sampler-frontier: the learned model's error "
+            "against network evaluations."
         ),
     ],
     methods: Annotated[
         list[str] | None,
-        typer.Option("--method", help="A method; may be repeated. [multistep-random]"),
+        typer.Option(
+            "--method",
+            help="A method's name, or a JSON object with its name and options; may be repeated. "
+            "[multistep-random]",
+        ),
     ] = None,
     budgets: Annotated[
         list[int] | None,
-        typer.Option("--num-candidates", "-k", help="K; may be repeated. [multistep-random]"),
+        typer.Option("--num-candidates", "-k", help="K; may be repeated. [not learned-prior]"),
     ] = None,
     num_sequences: Annotated[
-        int, typer.Option("--sequences", min=1, help="Sequences. [multistep-random]")
+        int, typer.Option("--sequences", min=1, help="Sequences. [not learned-prior]")
     ] = 30,
     num_runs: Annotated[
-        int, typer.Option("--runs", min=1, help="Runs of each sequence. [multistep-random]")
+        int, typer.Option("--runs", min=1, help="Runs of each sequence. [not learned-prior]")
     ] = 5,
     refine: Annotated[
         bool, typer.Option("--refine", help="Refine every plan. [multistep-random]")
     ] = False,
     num_tasks: Annotated[int, typer.Option("--tasks", min=2, help="[learned-prior]")] = 500,
     seed: Annotated[int, typer.Option(min=0, help="Decides the tasks.")] = 0,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Draw the frontier to this file. [sampler-frontier]", dir_okay=False),
+    ] = None,
     url: Annotated[
         str | None, typer.Option(help="A running service. [default: one in this process]")
     ] = None,
@@ -176,6 +186,10 @@ def evaluate(
         async with _client(url) as client:
             if suite is Suite.LEARNED_PRIOR:
                 await _evaluate_learned_prior(client, num_tasks, seed)
+            elif suite is Suite.SAMPLER_FRONTIER:
+                await _evaluate_sampler_frontier(
+                    client, budgets or [1, 16, 128], num_sequences, num_runs, seed, picture
+                )
             else:
                 await _evaluate_multistep_random(
                     client,
@@ -189,6 +203,8 @@ def evaluate(
 
     try:
         asyncio.run(run())
+    except json.JSONDecodeError as error:
+        _fail(f"--method is neither a name nor a JSON object: {error}")
     except httpx.HTTPStatusError as error:
         _fail(f"the service refused: {error.response.text}")
     except (httpx.HTTPError, TimeoutError) as error:
@@ -236,8 +252,28 @@ async def _evaluate_multistep_random(
     )
     typer.echo("| method | K | mean end error | floor | final error | stuck steps | ms a plan |")
     typer.echo("| --- | --- | --- | --- | --- | --- | --- |")
-    async for result in evaluate(client, methods, budgets, num_sequences, num_runs, seed, refine):
+    by_label = {_label(method): _method(method) for method in methods}
+    async for result in evaluate(client, by_label, budgets, num_sequences, num_runs, seed, refine):
         typer.echo(_evaluation_row(result))
+
+
+def _method(text: str) -> str | dict[str, Any]:
+    """Read a method as requests have it: its name, or a JSON object with its options.
+
+    Raises:
+        json.JSONDecodeError: it begins like an object and is none.
+    """
+    method: str | dict[str, Any] = json.loads(text) if text.startswith("{") else text
+    return method
+
+
+def _label(text: str) -> str:
+    """Return how a table calls a method."""
+    method = _method(text)
+    if isinstance(method, str):
+        return f"`{method}`"
+    options = ", ".join(f"{name} {value}" for name, value in method.items() if name != "name")
+    return f"`{method.get('name')}`, {options}"
 
 
 async def _evaluate_learned_prior(client: "PlannerClient", num_tasks: int, seed: int) -> None:
@@ -253,6 +289,33 @@ async def _evaluate_learned_prior(client: "PlannerClient", num_tasks: int, seed:
         typer.echo(line)
 
 
+async def _evaluate_sampler_frontier(
+    client: "PlannerClient",
+    budgets: list[int],
+    num_sequences: int,
+    num_runs: int,
+    seed: int,
+    picture: Path | None,
+) -> None:
+    from app.client.sampler_frontier import MARGIN, SETTINGS, measure, report
+
+    points = []
+    with typer.progressbar(length=len(budgets) * len(SETTINGS), file=sys.stderr) as bar:
+        async for point in measure(client, budgets, num_sequences, num_runs, seed):
+            points.append(point)
+            bar.update(1)
+    typer.echo(
+        f"{num_sequences} sequences x {num_runs} runs, seed {seed}; *: may be more than {MARGIN} m "
+        "worse than the paper's setting (95 %, paired)\n"
+    )
+    for line in report(points):
+        typer.echo(line)
+    if picture:
+        from app.client.figures import draw_frontier
+
+        draw_frontier(points, picture)
+
+
 def _evaluation_row(result: "Result") -> str:
     from app.client.multistep_random import TARGETS_PER_SEQUENCE
 
@@ -263,7 +326,7 @@ def _evaluation_row(result: "Result") -> str:
     end_error = spread(result.mean_end_errors, 3) + (f" ({paper.mean_end_error})" if paper else "")
     stuck = spread(result.stuck_steps, 1) + (f" ({paper.stuck_steps})" if paper else "")
     return (
-        f"| `{result.method}` | {result.num_candidates} | {end_error} "
+        f"| {result.label} | {result.num_candidates} | {end_error} "
         f"| {result.mean_end_floors.mean():.3f} | {spread(result.final_errors, 3)} | {stuck} "
         f"| {result.compute_ms.mean() / TARGETS_PER_SEQUENCE:.2f} |"
     )
@@ -271,11 +334,16 @@ def _evaluation_row(result: "Result") -> str:
 
 @app.command()
 def bench() -> None:
-    """Measure rollouts, CEM, HTTP and the start, side by side in one run."""
-    from app.benchmark import run
+    """Measure the network, sampling, planning and the service, side by side in one run."""
+    from app.api.runtime import available_cores
+    from app.benchmark.run import run
+    from app.inference.model_store import ModelRejected, UnfitModel
 
-    for line in run():
-        typer.echo(line)
+    try:
+        for line in run(_settings([]).model_store, available_cores()):
+            typer.echo(line)
+    except (ModelRejected, UnfitModel) as error:
+        _fail(str(error))
 
 
 @app.command()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hypothesis import settings
 
 from training.config import DEFAULT_CONFIG, TrainingConfig
 from training.export import export
@@ -11,12 +12,16 @@ from training.trainer import Trainer
 
 MODEL = "tiny"
 
+# The first example of a test may compile a kernel.
+settings.register_profile("kernels", deadline=None)
+settings.load_profile("kernels")
+
 
 def tiny_config() -> TrainingConfig:
     config = TrainingConfig.read(DEFAULT_CONFIG).model_dump()
     config["name"] = MODEL
     config["data"] |= {"training_samples": 64, "validation_samples": 16}
-    config["network"] = {"channels": 8, "time_dimension": 8, "condition_dimension": 8}
+    config["network"] = {"channels": 16, "time_dimension": 8, "condition_dimension": 8}
     config["optimisation"] |= {"steps": 2, "batch_size": 32, "validation_interval": 2}
     return TrainingConfig.model_validate(config)
 

@@ -129,3 +129,20 @@ def test_evaluate_compares_with_the_paper(model_store: Path, tmp_path: Path) -> 
     row = next(line for line in done.stdout.splitlines() if "`dataset_prior`" in line)
     assert "(0.4)" in row
     assert "(69.9)" in row
+
+
+def test_evaluate_takes_a_method_with_options(model_store: Path, tmp_path: Path) -> None:
+    method = '{"name": "action_diffusion", "sampler": "ddim", "steps": 2}'
+    options = ("--sequences", "2", "--runs", "1", "-k", "16", "--method", method)
+    done = breakaway("evaluate", "multistep-random", *options, cwd=tmp_path, store=model_store)
+    assert done.returncode == 0, done.stderr
+    row = next(line for line in done.stdout.splitlines() if "`action_diffusion`" in line)
+    assert row.startswith("| `action_diffusion`, sampler ddim, steps 2 | 16 |")
+    assert "(0.17)" in row
+
+
+def test_evaluate_refuses_a_method_that_is_no_json(model_store: Path, tmp_path: Path) -> None:
+    options = ("--method", '{"name": ')
+    done = breakaway("evaluate", "multistep-random", *options, cwd=tmp_path, store=model_store)
+    assert done.returncode == 1
+    assert "--method is neither a name nor a JSON object" in done.stderr

@@ -6,7 +6,7 @@ nothing from the one before it but the weights and the optimiser's state.
 
 import logging
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
+from training.acceleration import accelerated
 from training.config import TrainingConfig
 from training.dataset import Standardisation, TrainingSet, sample_transitions
 from training.files import write_atomically
@@ -101,6 +102,7 @@ class Trainer:
 
         torch.manual_seed(int(self._rng(Stream.WEIGHTS).integers(2**63)))
         self._unet = UNet(config.network).to(device)
+        self._forward = accelerated(self._unet, device, config.optimisation.steps)
         self._optimiser = torch.optim.Adam(
             self._unet.parameters(), lr=config.optimisation.learning_rate, fused=True
         )
@@ -155,7 +157,11 @@ class Trainer:
         return torch.from_numpy(order).to(self.device)
 
     def _loss(
-        self, unet: nn.Module, controls: Tensor, conditions: Tensor, rng: np.random.Generator
+        self,
+        unet: Callable[..., Tensor],
+        controls: Tensor,
+        conditions: Tensor,
+        rng: np.random.Generator,
     ) -> Tensor:
         """Mean-squared error of the predicted noise, conditions dropped (paper, Eqs. 2 and 3)."""
         rows = len(controls)
@@ -174,7 +180,7 @@ class Trainer:
         epoch, batch = divmod(step, self.config.data.training_samples // batch_size)
         rows = self._permutation(epoch)[batch * batch_size : (batch + 1) * batch_size]
         loss = self._loss(
-            self._unet,
+            self._forward,
             self._training.controls[rows],
             self._training.conditions[rows],
             self._rng(Stream.STEP, step),

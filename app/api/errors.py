@@ -147,22 +147,26 @@ async def _invalid_request(request: Request, error: Exception) -> Response:
     return field_problem(
         request,
         [
-            FieldError(pointer=_pointer(item["loc"][1:], error.body), detail=_detail(item))
+            FieldError(
+                pointer=_pointer(item["loc"][1:], error.body, item["type"] == "missing"),
+                detail=_detail(item),
+            )
             for item in errors
         ],
     )
 
 
-def _pointer(location: tuple[int | str, ...], body: Any) -> str:
+def _pointer(location: tuple[int | str, ...], body: Any, is_missing: bool) -> str:
     """Return the JSON pointer (RFC 6901) of a validation error's location within `body`.
 
-    Pydantic puts the tag of a union's member among the keys; a tag is a key the body lacks.
+    Pydantic puts the tag of a union's member among the keys; a tag is a key that the body lacks,
+    as it lacks a missing field, which stands last.
     """
     pointer, value = "", body
     for index, key in enumerate(location):
-        last = index == len(location) - 1
+        is_field = is_missing and index == len(location) - 1
         if isinstance(value, dict):
-            if key not in value and not last:
+            if key not in value and not is_field:
                 continue
             value = value.get(key)
         elif isinstance(value, list) and isinstance(key, int) and key < len(value):

@@ -11,7 +11,7 @@ from app.api.errors import NotReady
 from app.api.service import PlanningService
 from app.api.workers import Workers
 from app.inference.engine import Engine
-from app.inference.model_store import ModelRejected, ModelStore
+from app.inference.model_store import ModelRejected
 from app.planning.warm_up import warm_up
 from app.settings import Settings
 
@@ -35,7 +35,7 @@ def start_service(settings: Settings, engine: Engine) -> PlanningService:
         ModelRejected: a model of the store is not what its manifest says.
     """
     warm_up()
-    models = engine.run(ModelStore.load, settings.model_store, choose_device())
+    models = engine.load(settings.model_store, choose_device())
     return PlanningService(settings, models, engine)
 
 

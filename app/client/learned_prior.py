@@ -7,25 +7,20 @@ are those of the plans answered, whether they succeed or not.
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
 
 from app.api.schemas import PlanRequest, PlanResponse
 from app.client.planner_client import PlannerClient
+from app.client.statistics import paired_difference
 
 SUCCESS_GAP = 1e-3
 EXACT_GAP = 1e-6
 BUDGETS = (1, 4, 16)
 MEASURES = ("success", "exact", "energy", "roughness", "stuck steps")
 
-METHODS: dict[str, str | dict[str, Any]] = {
-    "action_diffusion": {"name": "action_diffusion", "steps": 10, "guidance_scale": 1.5},
-    "dataset_prior": "dataset_prior",
-    "uniform": "uniform",
-}
+METHODS = ("action_diffusion", "dataset_prior", "uniform")
 CONTROL = "dataset_prior"
 EQUAL_TIME_BUDGETS = (64, 256, 1024)
 """K of the dataset prior among which the one that takes as long as action_diffusion is read off."""
@@ -87,7 +82,7 @@ async def evaluate(client: PlannerClient, num_tasks: int, seed: int) -> AsyncIte
             PlanRequest.model_validate(
                 task
                 | {
-                    "method": METHODS[entrant.method],
+                    "method": entrant.method,
                     "num_candidates": entrant.num_candidates,
                     "seed": index,
                     "refine": {"repair": entrant.repair},
@@ -116,18 +111,6 @@ def _outcome(entrant: Entrant, answers: list[PlanResponse]) -> Outcome:
     )
 
 
-def difference(first: Outcome, second: Outcome, measure: str) -> tuple[float, float, float]:
-    """Return the mean paired difference first - second, and its 95 % bootstrap interval."""
-    differences = first.measures[measure] - second.measures[measure]
-    mean = float(differences.mean())
-    if np.ptp(differences) == 0:
-        return mean, mean, mean
-    interval = bootstrap(
-        (differences,), np.mean, n_resamples=2000, rng=np.random.default_rng(0)
-    ).confidence_interval
-    return mean, float(interval.low), float(interval.high)
-
-
 def report(outcomes: list[Outcome]) -> Iterator[str]:
     """Write the table, and what action_diffusion buys over the dataset prior at the same K."""
     yield f"| refined by | method | K | {' | '.join(MEASURES)} | ms (median) |"
@@ -151,7 +134,10 @@ def report(outcomes: list[Outcome]) -> Iterator[str]:
         control = Entrant(CONTROL, entrant.num_candidates, entrant.repair, entrant.objective)
         if entrant.method != "action_diffusion":
             continue
-        cells = (difference(outcome, found[control], measure) for measure in MEASURES)
+        cells = (
+            paired_difference(outcome.measures[measure], found[control].measures[measure])
+            for measure in MEASURES
+        )
         row = " | ".join(f"{mean:+.3f} [{low:+.3f}, {high:+.3f}]" for mean, low, high in cells)
         yield f"| {_refined_by(entrant)} | {entrant.num_candidates} | {row} |"
 

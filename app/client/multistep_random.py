@@ -1,8 +1,9 @@
 """The paper's random multi-step evaluation (Table 2), asked over HTTP, paper's numbers beside."""
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,8 @@ PAPER = {
 class Result:
     """All answers of one method and K; each array is (sequences * runs,)."""
 
+    label: str
+    """What the caller calls the method."""
     method: str
     num_candidates: int
     mean_end_errors: NDArray[np.float64]
@@ -72,7 +75,7 @@ def random_sequences(num_sequences: int, seed: int) -> list[list[tuple[float, fl
 
 async def evaluate(
     client: PlannerClient,
-    methods: Sequence[str],
+    methods: Mapping[str, str | dict[str, Any]],
     budgets: Sequence[int],
     num_sequences: int,
     num_runs: int,
@@ -83,12 +86,23 @@ async def evaluate(
 
     The sequences and the seeds of the requests are the same for every method and K.
 
+    Args:
+        client: the service.
+        methods: by what the results call them; a name, or an object as in a request.
+        budgets: K.
+        num_sequences: of three targets each.
+        num_runs: of each sequence.
+        seed: decides the sequences and the requests' seeds.
+        refine: refine every plan.
+
     Raises:
         httpx.HTTPError: the service cannot be reached, or refuses a request.
     """
     sequences = random_sequences(num_sequences, seed)
 
-    def request(method: str, k: int, sequence: int, run: int) -> MultistepPlanRequest:
+    def request(
+        method: str | dict[str, Any], k: int, sequence: int, run: int
+    ) -> MultistepPlanRequest:
         request_seed = np.random.SeedSequence([seed, sequence, run]).generate_state(1)[0]
         return MultistepPlanRequest.model_validate(
             {
@@ -102,7 +116,7 @@ async def evaluate(
             }
         )
 
-    for method in methods:
+    for label, method in methods.items():
         for k in budgets:
             answers = await asyncio.gather(
                 *(
@@ -112,7 +126,8 @@ async def evaluate(
                 )
             )
             yield Result(
-                method,
+                label,
+                method if isinstance(method, str) else method["name"],
                 k,
                 np.array([answer.mean_end_error for answer in answers]),
                 np.array([answer.mean_end_floor for answer in answers]),

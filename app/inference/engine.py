@@ -1,20 +1,17 @@
 """The engine: one thread that owns the network and its device, one sampling at a time."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from time import perf_counter
-from typing import ParamSpec, TypeVar
 
 import numpy as np
 import torch
 
-from app.inference.model_store import Model
-from app.inference.samplers import SAMPLERS, guided, sampling_times
+from app.inference.model_store import Model, ModelStore
+from app.inference.row_threads import RowThreads
+from app.inference.samplers import SAMPLERS, guided
 from app.planning.problem import Candidates, Problem
 from app.planning.system import FloatArray
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 class Engine:
@@ -28,26 +25,33 @@ class Engine:
         self._thread = ThreadPoolExecutor(
             max_workers=1,
             thread_name_prefix="engine",
+            # PyTorch's own threads would wait spinning for its next operation, on the cores that
+            # the rows need.
             initializer=torch.set_num_threads,
-            initargs=(num_threads,),
+            initargs=(1,),
         )
+        self._row_threads = RowThreads(num_threads)
+
+    def load(self, store: Path, device: torch.device) -> ModelStore:
+        """Verify, load and warm up every model of a store, in the engine's thread.
+
+        OpenMP, which PyTorch's threads are, keeps a pool of them for each thread that has ever
+        used it, and once the pools together exceed the cores, all of them wait asleep instead of
+        spinning.
+
+        Raises:
+            ModelRejected: one of them is not what its manifest says; none is loaded then.
+        """
+        return self._thread.submit(ModelStore.load, store, device, self._row_threads).result()
 
     def bind(self, model: Model) -> "EngineProposal":
         """Return `model` as a learned proposal that samples in this engine."""
         return EngineProposal(self._thread, model)
 
-    def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Return `function(...)`, called in the engine's thread.
-
-        Models are loaded and warmed up there too: OpenMP keeps a pool of threads for each thread
-        that has ever used it, and once the pools together exceed the cores, all of them wait
-        asleep instead of spinning (sampling then takes 2.5 times as long on two cores).
-        """
-        return self._thread.submit(function, *args, **kwargs).result()
-
     def close(self) -> None:
-        """Finish what was submitted, then end the thread."""
+        """Finish what was submitted, then end the threads."""
         self._thread.shutdown()
+        self._row_threads.close()
 
 
 class EngineProposal:
@@ -93,13 +97,12 @@ def _sample(
     """Return the controls (K, H) and the time at which sampling began."""
     started = perf_counter()
     manifest = model.manifest
-    states = np.stack([problem.initial_state, problem.target_state])
-    standardised = (states - manifest.state_mean) / manifest.state_std
-    condition = torch.tensor(standardised.ravel(), dtype=torch.float32, device=model.device)
-    controls = SAMPLERS[sampler](
-        guided(model.unet, condition, guidance_scale),
+    times = SAMPLERS[sampler].times(len(manifest.alphas_cumprod), steps)
+    condition = model.condition(problem)
+    controls = SAMPLERS[sampler].solve(
+        guided(model.network, condition, guidance_scale, len(noise)),
         torch.tensor(noise, dtype=torch.float32, device=model.device),
-        sampling_times(len(manifest.alphas_cumprod), steps),
+        times,
         manifest.alphas_cumprod,
     )
     return controls.cpu().numpy().astype(np.float64) * manifest.control_scale, started

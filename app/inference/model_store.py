@@ -5,19 +5,25 @@ A store is `<name>/<version>/unet.pt` + `manifest.json`. All that knows of Torch
 
 import hashlib
 import io
+import logging
 import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 import torch
 from pydantic import ValidationError
 
+from app.inference.compiled_network import UnsuitableNetwork, derive
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
+from app.inference.network import CONDITION_SIZE, Network, ScriptedNetwork
+from app.inference.row_threads import RowThreads
+from app.planning.problem import Problem
 from app.planning.system import System
 
-WARM_UP_BATCHES = (1, 2, 32)
+log = logging.getLogger(__name__)
 
 
 class ModelRejected(Exception):
@@ -37,7 +43,7 @@ class Model:
     """A verified checkpoint, loaded on a device."""
 
     manifest: Manifest
-    unet: torch.jit.ScriptModule
+    network: Network
     device: torch.device
 
     @property
@@ -49,6 +55,12 @@ class Model:
         """Say whether the model was trained for this plant and horizon."""
         return (self.manifest.system, self.manifest.horizon) == (system, horizon)
 
+    def condition(self, problem: Problem) -> torch.Tensor:
+        """Return what the network knows of a problem: standardised [x_0, x*], (4,)."""
+        states = np.stack([problem.initial_state, problem.target_state])
+        standardised = (states - self.manifest.state_mean) / self.manifest.state_std
+        return torch.tensor(standardised.ravel(), dtype=torch.float32, device=self.device)
+
 
 class ModelStore:
     """The models of a service, by name and version."""
@@ -57,13 +69,18 @@ class ModelStore:
         self.models = sorted(models, key=lambda m: (m.manifest.name, -m.manifest.version))
 
     @classmethod
-    def load(cls, directory: Path, device: torch.device) -> Self:
+    def load(cls, directory: Path, device: torch.device, threads: RowThreads) -> Self:
         """Verify, load and warm up every model under `directory`.
+
+        Args:
+            directory: the store.
+            device: where the networks run.
+            threads: share out the rows on a CPU.
 
         Raises:
             ModelRejected: one of them is not what its manifest says; none is loaded then.
         """
-        return cls([_load(path, device) for path in find_versions(directory)])
+        return cls([_load(path, device, threads) for path in find_versions(directory)])
 
     def find(self, reference: str) -> Model:
         """Return the model called `name` (its latest version) or `name/version`.
@@ -133,7 +150,7 @@ def verify(directory: Path) -> tuple[Manifest, bytes]:
     return manifest, checkpoint
 
 
-def _load(directory: Path, device: torch.device) -> Model:
+def _load(directory: Path, device: torch.device, threads: RowThreads) -> Model:
     manifest, checkpoint = verify(directory)
     try:
         with warnings.catch_warnings():
@@ -142,25 +159,47 @@ def _load(directory: Path, device: torch.device) -> Model:
             script = torch.jit.load(  # type: ignore[no-untyped-call]
                 io.BytesIO(checkpoint), map_location=device
             ).eval()
-            unet = torch.jit.freeze(script)
-        for batch in WARM_UP_BATCHES:
-            _warm_up(unet, manifest.horizon, batch, device)
+            frozen = ScriptedNetwork(torch.jit.freeze(script))
+        _try(frozen, manifest.horizon, device)
+        network = _fastest(script, frozen, manifest, device, threads)
+        _try(network, manifest.horizon, device)
     except RuntimeError as error:
         raise ModelRejected(f"{directory}: the checkpoint does not run: {error}") from error
-    return Model(manifest, unet, device)
+    return Model(manifest, network, device)
 
 
 @torch.inference_mode()
-def _warm_up(unet: torch.jit.ScriptModule, horizon: int, batch: int, device: torch.device) -> None:
+def _fastest(
+    script: torch.jit.ScriptModule,
+    frozen: ScriptedNetwork,
+    manifest: Manifest,
+    device: torch.device,
+    threads: RowThreads,
+) -> Network:
+    """Return the compiled kernel where there is one for the checkpoint, or the checkpoint."""
+    if device.type != "cpu":
+        return frozen
+    try:
+        return derive(script, frozen, manifest.horizon, len(manifest.alphas_cumprod), threads)
+    except UnsuitableNetwork as error:
+        log.warning("%s runs as TorchScript, slowly: %s", manifest.name, error)
+        # It has only PyTorch's own threads.
+        torch.set_num_threads(threads.num_threads)
+        return frozen
+
+
+@torch.inference_mode()
+def _try(network: Network, horizon: int, device: torch.device) -> None:
     """Run the network often enough for its executor to profile, optimise and settle.
 
     Raises:
         RuntimeError: the network fails or answers in the wrong shape.
     """
-    controls = torch.zeros(batch, 1, horizon, device=device)
-    t = torch.zeros(batch, dtype=torch.int64, device=device)
-    keep = torch.ones(batch, dtype=torch.bool, device=device)
+    controls = torch.zeros(2, horizon, device=device)
+    embedding = network.embed(torch.zeros(CONDITION_SIZE, device=device))
     for _ in range(3):
-        noise = unet(controls, t, torch.zeros(batch, 4, device=device), keep)
+        noise = network.predict(
+            controls, torch.zeros(2, dtype=torch.int64, device=device), embedding
+        )
         if noise.shape != controls.shape:
             raise RuntimeError(f"the output has shape {tuple(noise.shape)}")

@@ -6,33 +6,57 @@ They know neither networks nor guidance: a sampler is given a function that pred
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from app.inference.network import Network
+
 NoisePredictor: TypeAlias = Callable[[Tensor, int], Tensor]
 """eps(u_t (K, H), t): the predicted noise (K, H)."""
 CLEAN = -1
 """The time after the last one, where no noise is left."""
+MIDDLE = (0.7, 0.25)
+"""Where `middle_times` begins and ends, as shares of T."""
 
 
 class InvalidStepCount(ValueError):
     """The number of steps does not fit the number of diffusion times."""
 
 
-def sampling_times(num_timesteps: int, steps: int) -> list[int]:
-    """Return `steps` diffusion times, evenly spaced from T-1 down, then `CLEAN`.
+def even_times(num_timesteps: int, steps: int) -> list[int]:
+    """Return `steps` diffusion times, evenly spaced from T-1 down to 0, then `CLEAN`.
 
     Raises:
         InvalidStepCount: not 1 <= steps <= T.
     """
-    if not 1 <= steps <= num_timesteps:
+    return _times(num_timesteps - 1, 0, steps)
+
+
+def middle_times(num_timesteps: int, steps: int) -> list[int]:
+    """Return `steps` diffusion times, evenly spaced over the middle of the schedule, then `CLEAN`.
+
+    The ends of a cosine schedule are not worth an evaluation. Near T there is hardly a signal: at
+    T-1 an error in the predicted noise is amplified a hundredfold in the clean sequence, and
+    clamping is all that holds it. Near 0 hardly any noise is left to remove.
+
+    Raises:
+        InvalidStepCount: there are fewer times than `steps` there, or none are asked for.
+    """
+    first, last = (min(round(share * num_timesteps), num_timesteps - 1) for share in MIDDLE)
+    return _times(first, last, steps)
+
+
+def _times(first: int, last: int, steps: int) -> list[int]:
+    available = first - last + 1
+    if not 1 <= steps <= available:
         raise InvalidStepCount(
-            f"steps must be from 1 to {num_timesteps}, the diffusion times of the model"
+            f"steps must be from 1 to {available}, the diffusion times that the model has for "
+            "this sampler"
         )
-    return [*np.linspace(num_timesteps - 1, 0, steps).round().astype(int).tolist(), CLEAN]
+    return [*np.linspace(first, last, steps).round().astype(int).tolist(), CLEAN]
 
 
 def ddim(
@@ -47,7 +71,7 @@ def ddim(
     Args:
         predict_noise: the noise predictor.
         noise: (K, H), standard normal.
-        times: falling diffusion times, `CLEAN` last (see `sampling_times`).
+        times: falling diffusion times, `CLEAN` last (see `even_times`).
         alphas_cumprod: cumulative products of alpha_t, one for each diffusion time.
         bound: the predicted clean sequence is clamped to [-bound, bound] at every step, and the
             noise derived from the clamped one.
@@ -57,23 +81,84 @@ def ddim(
     """
     u = noise
     for t, next_t in pairwise(times):
-        alpha = alphas_cumprod[t]
-        next_alpha = 1.0 if next_t == CLEAN else alphas_cumprod[next_t]
-        epsilon = predict_noise(u, t)
-        clean = (u - math.sqrt(1 - alpha) * epsilon) / math.sqrt(alpha)
-        clean = clean.clamp(-bound, bound)
-        epsilon = (u - math.sqrt(alpha) * clean) / math.sqrt(1 - alpha)
-        u = math.sqrt(next_alpha) * clean + math.sqrt(1 - next_alpha) * epsilon
+        level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
+        clean = level.clean(u, predict_noise(u, t), bound)
+        u = level.step(u, clean, next_level)
     return u
 
 
-SAMPLERS = {"ddim": ddim}
+def dpm_solver(
+    predict_noise: NoisePredictor,
+    noise: Tensor,
+    times: Sequence[int],
+    alphas_cumprod: Sequence[float],
+    bound: float = 1.0,
+) -> Tensor:
+    """DPM-Solver++ (2M), multistep, of second order (Lu et al. 2022, Algorithm 2).
+
+    A DDIM step, but to a clean sequence that is extrapolated from this prediction and the one
+    before. The first step has none before, and the last, which removes all noise, is of first
+    order, too: there the extrapolation would weigh infinitely much.
+
+    Arguments and result as for `ddim`; each predicted clean sequence is clamped to the bound.
+    """
+    u, previous_clean, previous_level = noise, None, None
+    for t, next_t in pairwise(times):
+        level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
+        clean = extrapolated = level.clean(u, predict_noise(u, t), bound)
+        if previous_clean is not None and previous_level is not None and next_t != CLEAN:
+            h = next_level.log_ratio - level.log_ratio
+            previous_h = level.log_ratio - previous_level.log_ratio
+            extrapolated = torch.lerp(previous_clean, clean, 1 + h / (2 * previous_h))
+        u = level.step(u, extrapolated, next_level)
+        previous_clean, previous_level = clean, level
+    return u
+
+
+class NoiseLevel(NamedTuple):
+    """The shares of signal and noise in a sequence; their squares add up to one."""
+
+    signal: float
+    noise: float
+
+    @classmethod
+    def at(cls, t: int, alphas_cumprod: Sequence[float]) -> "NoiseLevel":
+        """Return the level at a diffusion time, or at `CLEAN`."""
+        alpha = 1.0 if t == CLEAN else alphas_cumprod[t]
+        return cls(math.sqrt(alpha), math.sqrt(1 - alpha))
+
+    @property
+    def log_ratio(self) -> float:
+        """Lambda: half the logarithm of the signal-to-noise ratio."""
+        return math.log(self.signal / self.noise)
+
+    def clean(self, u: Tensor, predicted_noise: Tensor, bound: float) -> Tensor:
+        """Return the clean sequence that the noise was added to, by the prediction, clamped."""
+        signal = torch.add(u, predicted_noise, alpha=-self.noise)
+        return signal.div_(self.signal).clamp_(-bound, bound)
+
+    def step(self, u: Tensor, clean: Tensor, level: "NoiseLevel") -> Tensor:
+        """Go to another level: signal' clean + noise' (u - signal clean) / noise."""
+        ratio = level.noise / self.noise
+        return torch.mul(u, ratio).add_(clean, alpha=level.signal - ratio * self.signal)
+
+
+class Sampler(NamedTuple):
+    """A way from noise to controls: where it asks for predictions, and what it makes of them."""
+
+    times: Callable[[int, int], list[int]]
+    """(T, steps) -> falling diffusion times, `CLEAN` last."""
+    solve: Callable[[NoisePredictor, Tensor, Sequence[int], Sequence[float]], Tensor]
+
+
+SAMPLERS = {
+    "dpm_solver": Sampler(middle_times, dpm_solver),
+    "ddim": Sampler(even_times, ddim),
+}
 
 
 def guided(
-    unet: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor],
-    condition: Tensor,
-    guidance_scale: float,
+    network: Network, condition: Tensor, guidance_scale: float, num_candidates: int
 ) -> NoisePredictor:
     """Return a noise predictor with classifier-free guidance (Ho and Salimans 2022; paper, Eq. 4).
 
@@ -81,24 +166,27 @@ def guided(
     one of them (0 or 1), the other is not computed.
 
     Args:
-        unet: eps(u_t (B, 1, H), t (B,), condition (B, 4), keep_condition (B,)), (B, 1, H).
+        network: predicts the noise.
         condition: (4,), standardised [x_0, x*].
         guidance_scale: s.
+        num_candidates: K, rows of every prediction.
     """
-    keeps = {0.0: [False], 1.0: [True]}.get(guidance_scale, [False, True])
+    conditional, unconditional = network.embed(condition).unsqueeze(1)
+    match guidance_scale:
+        case 0.0:
+            needed = [unconditional]
+        case 1.0:
+            needed = [conditional]
+        case _:
+            needed = [unconditional, conditional]
+    embedding = torch.cat([row.expand(num_candidates, -1) for row in needed])
+    times = torch.empty(len(embedding), dtype=torch.int64, device=embedding.device)
 
     def predict_noise(u: Tensor, t: int) -> Tensor:
-        rows = len(u)
-        batch = len(keeps) * rows
-        predictions = unet(
-            u.unsqueeze(1).repeat(len(keeps), 1, 1),
-            torch.full((batch,), t, dtype=torch.int64, device=u.device),
-            condition.expand(batch, -1),
-            torch.tensor(keeps, device=u.device).repeat_interleave(rows),
-        ).squeeze(1)
-        if len(keeps) == 1:
+        predictions = network.predict(torch.cat([u] * len(needed)), times.fill_(t), embedding)
+        if len(needed) == 1:
             return predictions
-        unconditional, conditional = predictions.chunk(2)
-        return unconditional + guidance_scale * (conditional - unconditional)
+        without, with_condition = predictions.chunk(2)
+        return torch.lerp(without, with_condition, guidance_scale)
 
     return predict_noise

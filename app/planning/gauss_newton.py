@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.sensitivity import linearise
 from app.planning.system import FloatArray, Parameters, terminal_state
 

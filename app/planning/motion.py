@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.sensitivity import step_derivatives
 from app.planning.system import FloatArray, Parameters, step
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.gauss_newton import EXACT, arrive
 from app.planning.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
 from app.planning.sensitivity import linearise

@@ -6,7 +6,7 @@ The ranges stand once, in the annotations: the service's schemas read them there
 import math
 from dataclasses import fields
 from functools import cache
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from annotated_types import BaseMetadata, Ge, Gt, Interval, Le, Lt
 
@@ -15,13 +15,15 @@ OPTION_CHECKS = {"extra": "forbid", "allow_inf_nan": False, "use_attribute_docst
 
 
 def check_ranges(options: object) -> None:
-    """Check the numbers of a dataclass against the ranges in its annotations.
+    """Check the numbers of a dataclass against the ranges in its annotations; None has no range.
 
     Raises:
         ValueError: a number is not finite or out of its range.
     """
     for name, constraints in _constraints(type(options)):  # type: ignore[arg-type]
         value = getattr(options, name)
+        if value is None:
+            continue
         if not math.isfinite(value):
             raise ValueError(f"{name} must be a finite number")
         for constraint in constraints:
@@ -43,8 +45,14 @@ def _constraints(options: type) -> list[tuple[str, list[BaseMetadata]]]:
     return [
         (field.name, [part for item in metadata for part in _parts(item)])
         for field in fields(options)
-        if (metadata := getattr(hints[field.name], "__metadata__", None))
+        if (metadata := _metadata(hints[field.name]))
     ]
+
+
+def _metadata(hint: Any) -> tuple[Any, ...]:
+    """Return what annotates a hint, or the member of a union that is annotated."""
+    members = (hint, *get_args(hint))
+    return next((m.__metadata__ for m in members if hasattr(m, "__metadata__")), ())
 
 
 def _parts(item: Any) -> list[BaseMetadata]:

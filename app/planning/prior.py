@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Interval, Le
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.system import FloatArray
 

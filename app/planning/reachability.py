@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.problem import Problem
 from app.planning.system import FloatArray, Parameters
 

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.gauss_newton import EXACT, arrive, terminal_error_of
 from app.planning.null_space import descend
 from app.planning.objectives import TOLERANCE, Objective

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.gauss_newton import terminal_error_of
 from app.planning.system import FloatArray, Parameters, step, terminal_state
 

@@ -5,7 +5,7 @@ The plant itself is in system.py; what is done with the derivative is in refinem
 
 import numpy as np
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.system import FloatArray, Parameters, System, step
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.options import OPTION_CHECKS, check_ranges
 
 FloatArray: TypeAlias = NDArray[np.float64]

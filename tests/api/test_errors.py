@@ -73,7 +73,17 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
             "must not exceed 1",
         ),
         ({"method": {"name": "action_diffusion", "steps": 0}}, "/method/steps", ""),
-        ({"method": {"name": "action_diffusion", "steps": 201}}, "/method/steps", "1 to 200"),
+        ({"method": {"name": "action_diffusion", "steps": 92}}, "/method/steps", "1 to 91"),
+        (
+            {"method": {"name": "action_diffusion", "sampler": "ddim", "steps": 201}},
+            "/method/steps",
+            "1 to 200",
+        ),
+        (
+            {"method": {"name": "action_diffusion", "sampler": "paper", "steps": 10}},
+            "/method",
+            "its own steps and guidance_scale; use ddim",
+        ),
         ({"method": {"name": "action_diffusion", "steps": 2.5}}, "/method/steps", ""),
         ({"method": {"name": "action_diffusion", "sampler": "euler"}}, "/method/sampler", ""),
         ({"num_candidates": 0}, "/num_candidates", ""),
@@ -98,7 +108,7 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
             "tiny/1 was trained for",
         ),
         (
-            {"method": {"name": "action_diffusion", "steps": 200}, "num_candidates": 4096},
+            {"method": {"name": "action_diffusion", "steps": 90}, "num_candidates": 4096},
             "/num_candidates",
             "rows through the network",
         ),
@@ -152,7 +162,12 @@ def test_bad_targets_are_refused(client: httpx.Client, targets: Any) -> None:
 
 
 def test_limits_count_every_target(client: httpx.Client) -> None:
-    body = {"initial_state": [0, 0], "targets": [[0.1, 0.0]] * 64, "num_candidates": 512}
+    body = {
+        "initial_state": [0, 0],
+        "targets": [[0.1, 0.0]] * 64,
+        "method": {"name": "action_diffusion", "sampler": "paper"},
+        "num_candidates": 512,
+    }
     problem = assert_problem(post(client, body, "/plan_multistep"), 422)
     assert "rows through the network" in problem["detail"]
 
@@ -234,7 +249,8 @@ def test_nothing_that_can_be_sent_is_a_server_error(
 
 
 def test_a_full_queue_says_when_to_come_back(model_store: Path) -> None:
-    large = {"method": {"name": "action_diffusion", "steps": 100}, "num_candidates": 512}
+    method = {"name": "action_diffusion", "sampler": "ddim", "steps": 200}
+    large = {"method": method, "num_candidates": 512}
     with serving(Settings(model_store=model_store, max_pending=1)) as client:
         wait_until_ready(client)
         answers: list[httpx.Response] = []

@@ -91,14 +91,40 @@ def test_guidance_costs_a_second_prediction_only_where_it_is_used(client: httpx.
         count: int = answer["cost"]["network_evaluations"]
         return count
 
-    assert evaluations() == 100
-    assert evaluations(guidance_scale=1.0) == 50
+    assert evaluations() == 6
+    assert evaluations(guidance_scale=1.0) == 3
     assert evaluations(steps=10, guidance_scale=1.5) == 20
+    assert evaluations(sampler="ddim") == 20
+    assert evaluations(sampler="paper") == 100
 
 
-@pytest.mark.parametrize("steps", [1, 2, 3, 7, 199, 200])
-def test_every_step_count_ends_in_usable_controls(client: httpx.Client, steps: int) -> None:
-    answer = plan(client, method={"name": "action_diffusion", "steps": steps})
+def test_the_sampler_of_the_paper_is_ddim_with_its_settings(client: httpx.Client) -> None:
+    spelt_out = {"sampler": "ddim", "steps": 50, "guidance_scale": 2.0}
+    paper, ddim = (
+        without_timing(plan(client, method={"name": "action_diffusion", **options}, seed=7))
+        for options in ({"sampler": "paper"}, spelt_out)
+    )
+    assert paper == ddim
+
+
+@pytest.mark.parametrize("sampler", ["dpm_solver", "ddim", "paper"])
+def test_the_same_seed_gives_the_same_plan_by_each_sampler(
+    client: httpx.Client, sampler: str
+) -> None:
+    method = {"name": "action_diffusion", "sampler": sampler}
+    first, again, other = (plan(client, method=method, seed=seed) for seed in (7, 7, 8))
+    assert without_timing(first) == without_timing(again)
+    assert first["controls"] != other["controls"]
+
+
+@pytest.mark.parametrize(
+    ("sampler", "steps"),
+    [*(("ddim", n) for n in (1, 2, 3, 7, 199, 200)), *(("dpm_solver", n) for n in (1, 2, 90, 91))],
+)
+def test_every_step_count_ends_in_usable_controls(
+    client: httpx.Client, sampler: str, steps: int
+) -> None:
+    answer = plan(client, method={"name": "action_diffusion", "sampler": sampler, "steps": steps})
     assert np.abs(answer["controls"]).max() <= 0.9
 
 
@@ -157,7 +183,7 @@ def test_states_are_left_out_when_not_asked_for(client: httpx.Client) -> None:
 
 def test_livez_answers_while_a_large_plan_runs(client: httpx.Client) -> None:
     answers: list[dict[str, Any]] = []
-    large = {"name": "action_diffusion", "steps": 100}
+    large = {"name": "action_diffusion", "sampler": "ddim", "steps": 100}
     thread = threading.Thread(
         target=lambda: answers.append(plan(client, method=large, num_candidates=512))
     )
@@ -172,7 +198,7 @@ def test_livez_answers_while_a_large_plan_runs(client: httpx.Client) -> None:
 
 
 def test_compiled_methods_do_not_wait_for_the_network(client: httpx.Client) -> None:
-    large = {"name": "action_diffusion", "steps": 50}
+    large = {"name": "action_diffusion", "sampler": "paper"}
     thread = threading.Thread(target=lambda: plan(client, method=large, num_candidates=512))
     thread.start()
     plan(client, method="cem")

@@ -9,9 +9,6 @@ import pytest
 
 from app.client.learned_prior import (
     MEASURES,
-    Entrant,
-    Outcome,
-    difference,
     entrants,
     evaluate,
     report,
@@ -31,20 +28,6 @@ def test_tasks_depend_on_the_seed_alone_and_cover_the_training_range() -> None:
     assert np.abs(starts[:, 0]).max() == pytest.approx(1, abs=0.02)
     assert np.abs(starts[:, 1]).max() == pytest.approx(0.5, abs=0.02)
     assert np.count_nonzero(targets[:, 1]) == 200
-
-
-def outcome(method: str, values: list[float]) -> Outcome:
-    measures = dict.fromkeys(MEASURES, np.array(values))
-    return Outcome(Entrant(method, 1, repair=True), measures, np.ones(len(values)))
-
-
-def test_differences_are_paired() -> None:
-    control = outcome("dataset_prior", list(np.linspace(0, 100, 50)))
-    better = outcome("action_diffusion", list(np.linspace(0, 100, 50) + np.tile([0.9, 1.1], 25)))
-    mean, low, high = difference(better, control, "energy")
-    assert mean == pytest.approx(1.0)
-    assert 0.9 < low < 1.0 < high < 1.1
-    assert difference(control, control, "energy") == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.anyio

@@ -1,6 +1,7 @@
 """The random multi-step protocol: the same tasks for every method, asked over HTTP."""
 
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -24,7 +25,9 @@ def test_sequences_depend_on_the_seed_alone() -> None:
     assert np.array(sequences)[:, :, 1].any() == 0
 
 
-async def collect(url: str, methods: list[str], budgets: list[int]) -> list[Result]:
+async def collect(
+    url: str, methods: dict[str, str | dict[str, Any]], budgets: list[int]
+) -> list[Result]:
     async with httpx.AsyncClient(base_url=url, timeout=60) as http:
         client = PlannerClient(http)
         return [result async for result in evaluate(client, methods, budgets, 3, 2, seed=5)]
@@ -35,13 +38,15 @@ async def test_results_over_http_are_those_of_every_sequence_and_run(model_store
     with serving(Settings(model_store=model_store)) as client:
         wait_until_ready(client)
         url = str(client.base_url)
-        results = await collect(url, ["uniform", "dataset_prior"], [2, 64])
-        again = await collect(url, ["dataset_prior"], [64])
-    assert [(r.method, r.num_candidates) for r in results] == [
-        ("uniform", 2),
-        ("uniform", 64),
-        ("dataset_prior", 2),
-        ("dataset_prior", 64),
+        results = await collect(
+            url, {"uniform": "uniform", "prior": {"name": "dataset_prior"}}, [2, 64]
+        )
+        again = await collect(url, {"again": "dataset_prior"}, [64])
+    assert [(r.label, r.method, r.num_candidates) for r in results] == [
+        ("uniform", "uniform", 2),
+        ("uniform", "uniform", 64),
+        ("prior", "dataset_prior", 2),
+        ("prior", "dataset_prior", 64),
     ]
     for result in results:
         assert result.mean_end_errors.shape == (6,)
@@ -66,7 +71,7 @@ async def test_every_method_gets_the_same_tasks_and_seeds() -> None:
         client = PlannerClient(http)
         for method in ("cem", "uniform"):
             with pytest.raises(httpx.HTTPStatusError):
-                async for _ in evaluate(client, [method], [16], 4, 2, seed=5):
+                async for _ in evaluate(client, {method: method}, [16], 4, 2, seed=5):
                     pass
     assert asked["cem 16"]
     assert asked["cem 16"][0] == asked["uniform 16"][0]

@@ -21,7 +21,7 @@ Publish: TypeAlias = Callable[..., Path]
 
 def _checkpoint(seed: int) -> bytes:
     torch.manual_seed(seed)
-    network = NetworkConfig(channels=8, time_dimension=8, condition_dimension=8)
+    network = NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)
     return to_torchscript(UNet(network))
 
 

@@ -1,14 +1,19 @@
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from app.inference.engine import Engine, EngineProposal
 from app.inference.model_store import Model, ModelStore
-from app.inference.samplers import InvalidStepCount
+from app.inference.network import Network
+from app.inference.row_threads import RowThreads
+from app.inference.samplers import SAMPLERS, InvalidStepCount
 from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan
 from app.planning.problem import Problem
@@ -34,7 +39,7 @@ def models(
     publish = publisher(store)
     publish("first")
     publish("second", content=other_checkpoint)
-    return ModelStore.load(store, torch.device("cpu"))
+    return ModelStore.load(store, torch.device("cpu"), RowThreads(1))
 
 
 @pytest.fixture
@@ -53,25 +58,35 @@ def controls(
     seed: int = 0,
     steps: int = 5,
     guidance_scale: float = 2.0,
+    sampler: str = "ddim",
 ) -> FloatArray:
-    return proposal.sample(problem, noise(rows, seed), "ddim", steps, guidance_scale).controls
+    return proposal.sample(problem, noise(rows, seed), sampler, steps, guidance_scale).controls
 
 
-def test_the_same_noise_gives_the_same_controls(proposal: EngineProposal) -> None:
-    first = controls(proposal)
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_same_noise_gives_the_same_controls(proposal: EngineProposal, sampler: str) -> None:
+    first = controls(proposal, sampler=sampler)
 
     assert first.shape == (6, 64)
     assert first.dtype == np.float64
-    np.testing.assert_array_equal(first, controls(proposal))
-    assert not np.array_equal(first, controls(proposal, seed=1))
+    np.testing.assert_array_equal(first, controls(proposal, sampler=sampler))
+    assert not np.array_equal(first, controls(proposal, seed=1, sampler=sampler))
+
+
+def test_samplers_differ(proposal: EngineProposal) -> None:
+    assert not np.array_equal(controls(proposal), controls(proposal, sampler="dpm_solver"))
 
 
 @pytest.mark.parametrize("guidance_scale", [0.0, 1.0, 2.0, 20.0])
-@pytest.mark.parametrize("steps", [1, 20])
+@pytest.mark.parametrize(
+    ("sampler", "steps"), [("ddim", 1), ("ddim", 20), ("dpm_solver", 1), ("dpm_solver", 10)]
+)
 def test_controls_stay_within_the_limit(
-    proposal: EngineProposal, steps: int, guidance_scale: float
+    proposal: EngineProposal, sampler: str, steps: int, guidance_scale: float
 ) -> None:
-    result = controls(proposal, rows=32, steps=steps, guidance_scale=guidance_scale)
+    result = controls(
+        proposal, rows=32, steps=steps, guidance_scale=guidance_scale, sampler=sampler
+    )
 
     assert np.all(np.isfinite(result))
     assert np.max(np.abs(result)) <= 0.9 * (1 + 1e-6)
@@ -98,7 +113,7 @@ def test_states_are_standardised_and_controls_scaled_by_the_constants_of_the_man
 ) -> None:
     publish("unit", state_mean=(0.0, 0.0), state_std=(1.0, 1.0), control_scale=1.0)
     publish("scaled", state_mean=(0.25, -0.5), state_std=(2.0, 4.0), control_scale=0.5)
-    models = ModelStore.load(store, torch.device("cpu"))
+    models = engine.load(store, torch.device("cpu"))
     # (x - mean) / std of these is the problem for the other model: powers of two, so exactly.
     scaled = Problem(np.array([1.25, 1.5]), np.array([-0.75, -0.5]))
     unit = Problem(np.array([0.5, 0.5]), np.array([-0.5, 0.0]))
@@ -162,12 +177,13 @@ def test_a_horizon_that_the_model_was_not_trained_for_is_refused(
         proposal.sample(problem, noise()[:, :32], "ddim", 5, 2.0)
 
 
-@pytest.mark.parametrize("steps", [0, 21])
+@pytest.mark.parametrize(("sampler", "available"), [("ddim", 20), ("dpm_solver", 10)])
 def test_more_steps_than_the_model_has_times_are_refused_and_the_engine_lives_on(
-    proposal: EngineProposal, steps: int
+    proposal: EngineProposal, sampler: str, available: int
 ) -> None:
-    with pytest.raises(InvalidStepCount, match="from 1 to 20"):
-        controls(proposal, steps=steps)
+    for steps in (0, available + 1):
+        with pytest.raises(InvalidStepCount, match=f"from 1 to {available}"):
+            controls(proposal, steps=steps, sampler=sampler)
     assert controls(proposal, steps=20).shape == (6, 64)
 
 
@@ -179,14 +195,33 @@ def test_a_plan_by_the_engine_can_be_had_again(engine: Engine, models: ModelStor
     np.testing.assert_array_equal(make(models.find("first")), make(models.find("first")))
 
 
-def test_closing_finishes_what_was_submitted(models: ModelStore) -> None:
+class Announcing:
+    """A network that tells when it is asked for the first time, and counts."""
+
+    def __init__(self, network: Network) -> None:
+        self.embed = network.embed
+        self.network = network
+        self.asked = threading.Event()
+        self.answers = 0
+
+    def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
+        self.asked.set()
+        noise = self.network.predict(u_t, t, embedding)
+        self.answers += 1
+        return noise
+
+
+def test_closing_finishes_what_was_begun(models: ModelStore) -> None:
     engine = Engine(num_threads=1)
-    proposal = engine.bind(models.find("first"))
+    model = models.find("first")
+    network = Announcing(model.network)
+    proposal = engine.bind(replace(model, network=network))
     with ThreadPoolExecutor(max_workers=1) as threads:
         pending = threads.submit(controls, proposal, PROBLEM, 64, 0, 20)
-        controls(proposal)
+        assert network.asked.wait(timeout=60)
         engine.close()
 
+        assert network.answers == 20
         assert pending.result().shape == (64, 64)
 
 

@@ -8,8 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from app.inference.compiled_network import CompiledNetwork
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
 from app.inference.model_store import (
+    Model,
     ModelRejected,
     ModelStore,
     UnfitModel,
@@ -17,15 +19,28 @@ from app.inference.model_store import (
     find_versions,
     verify,
 )
+from app.inference.row_threads import RowThreads
 from app.planning.system import System
+from app.settings import SHIPPED_MODELS
+from training.config import NetworkConfig
+from training.unet import UNet
 
 CPU = torch.device("cpu")
+THREADS = RowThreads(1)
 STIFF = System(static_friction=0.8)
 
 
-class AnswersFlat(torch.nn.Module):
+class AnswersShort(torch.nn.Module):
     def forward(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:  # noqa: ARG002
-        return u.flatten(1)
+        return u[:, :, 1:]
+
+
+class AddsUp(torch.nn.Module):
+    """Takes its inputs into account, each and every one."""
+
+    def forward(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:
+        of_row = t + torch.where(keep, condition[:, 0], 0.5)
+        return u + of_row[:, None, None]
 
 
 class Fails(torch.nn.Module):
@@ -50,24 +65,71 @@ def no_loading(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch, "load", load)
 
 
-def test_a_loaded_model_answers_as_the_checkpoint_does(
-    store: Path, publish: Callable[..., Path], checkpoint: bytes
-) -> None:
-    publish()
+def assert_answers_as(model: Model, checkpoint: bytes) -> None:
     generator = torch.Generator().manual_seed(0)
-    inputs = (
-        torch.randn(5, 1, 64, generator=generator),
-        torch.arange(5),
-        torch.randn(5, 4, generator=generator),
-        torch.tensor([True, False, True, False, True]),
-    )
-
-    (model,) = ModelStore.load(store, CPU).models
-
-    assert model.label == "tiny/1"
+    u_t, t = torch.randn(5, model.manifest.horizon, generator=generator), torch.arange(5)
+    condition = torch.randn(4, generator=generator)
+    keep = torch.tensor([True, False, True, False, True])
     original = torch.jit.load(io.BytesIO(checkpoint))  # type: ignore[no-untyped-call]
     with torch.inference_mode():
-        torch.testing.assert_close(model.unet(*inputs), original(*inputs), rtol=0, atol=1e-5)
+        embedding = model.network.embed(condition)[[0, 1, 0, 1, 0]]
+        torch.testing.assert_close(
+            model.network.predict(u_t, t, embedding),
+            original(u_t.unsqueeze(1), t, condition.expand(5, -1), keep).squeeze(1),
+            rtol=0,
+            atol=1e-5,
+        )
+
+
+def test_a_loaded_model_is_run_by_the_kernel_and_answers_as_the_checkpoint_does(
+    store: Path,
+    publish: Callable[..., Path],
+    checkpoint: bytes,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    publish()
+
+    (model,) = ModelStore.load(store, CPU, THREADS).models
+
+    assert model.label == "tiny/1"
+    assert isinstance(model.network, CompiledNetwork)
+    assert not caplog.records
+    assert_answers_as(model, checkpoint)
+
+
+def test_the_shipped_models_are_run_by_the_kernel(caplog: pytest.LogCaptureFixture) -> None:
+    models = ModelStore.load(SHIPPED_MODELS, CPU, THREADS).models
+
+    assert "dry-friction-fs0.7/1" in [model.label for model in models]
+    assert all(isinstance(model.network, CompiledNetwork) for model in models)
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    ("network", "horizon"),
+    [
+        (UNet(NetworkConfig(channels=8, time_dimension=8, condition_dimension=8)), 64),
+        (UNet(NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)), 20),
+        (AddsUp(), 64),
+    ],
+    ids=["channels", "horizon", "layers"],
+)
+def test_a_network_that_the_kernel_cannot_run_is_run_as_it_is_with_a_warning(
+    store: Path,
+    publish: Callable[..., Path],
+    caplog: pytest.LogCaptureFixture,
+    network: torch.nn.Module,
+    horizon: int,
+) -> None:
+    content = script(network)
+    publish(content=content, horizon=horizon)
+
+    (model,) = ModelStore.load(store, CPU, THREADS).models
+
+    (warning,) = caplog.records
+    assert warning.levelname == "WARNING"
+    assert "tiny runs as TorchScript" in warning.getMessage()
+    assert_answers_as(model, content)
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -81,7 +143,7 @@ def test_a_changed_checkpoint_is_refused_before_torch_reads_it(
     file.write_bytes(content)
 
     with pytest.raises(ModelRejected, match="changed or damaged"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -92,7 +154,7 @@ def test_a_truncated_checkpoint_is_refused_before_torch_reads_it(
     file.write_bytes(file.read_bytes()[:-1])
 
     with pytest.raises(ModelRejected, match="changed or damaged"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -100,7 +162,7 @@ def test_a_missing_checkpoint_is_refused(store: Path, publish: Callable[..., Pat
     (publish() / CHECKPOINT_FILE).unlink()
 
     with pytest.raises(ModelRejected, match=CHECKPOINT_FILE):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -111,7 +173,7 @@ def test_an_invalid_manifest_is_refused_with_its_folder_and_field(
     file.write_text(json.dumps(json.loads(file.read_text()) | {"horizon": 0}))
 
     with pytest.raises(ModelRejected, match=r"(?s)broken/4.*horizon"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -124,7 +186,7 @@ def test_a_manifest_of_another_model_or_version_is_refused(
     folder.rename(store / name / version)
 
     with pytest.raises(ModelRejected, match="manifest is of tiny/1"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 def test_a_checkpoint_that_is_no_torchscript_is_refused(
@@ -133,17 +195,17 @@ def test_a_checkpoint_that_is_no_torchscript_is_refused(
     publish(content=b"not a model")
 
     with pytest.raises(ModelRejected, match="does not run"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
-@pytest.mark.parametrize("module", [AnswersFlat(), Fails()], ids=["wrong shape", "fails"])
+@pytest.mark.parametrize("module", [AnswersShort(), Fails()], ids=["wrong shape", "fails"])
 def test_a_network_that_does_not_do_its_job_is_refused_when_it_is_warmed_up(
     store: Path, publish: Callable[..., Path], module: torch.nn.Module
 ) -> None:
     publish(content=script(module))
 
     with pytest.raises(ModelRejected, match="does not run"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 def test_one_bad_model_keeps_the_whole_store_from_loading(
@@ -153,13 +215,13 @@ def test_one_bad_model_keeps_the_whole_store_from_loading(
     (publish("bad") / CHECKPOINT_FILE).write_bytes(b"")
 
     with pytest.raises(ModelRejected, match="bad"):
-        ModelStore.load(store, CPU)
+        ModelStore.load(store, CPU, THREADS)
 
 
 def test_a_store_that_does_not_exist_is_refused_and_an_empty_one_is_not(store: Path) -> None:
     with pytest.raises(ModelRejected, match="not a directory"):
-        ModelStore.load(store / "nowhere", CPU)
-    assert ModelStore.load(store, CPU).models == []
+        ModelStore.load(store / "nowhere", CPU, THREADS)
+    assert ModelStore.load(store, CPU, THREADS).models == []
 
 
 def test_half_written_versions_and_other_files_are_invisible(
@@ -176,7 +238,7 @@ def test_half_written_versions_and_other_files_are_invisible(
     (store / "README.md").write_text("about the models")
 
     assert find_versions(store) == [whole]
-    assert [model.label for model in ModelStore.load(store, CPU).models] == ["tiny/1"]
+    assert [model.label for model in ModelStore.load(store, CPU, THREADS).models] == ["tiny/1"]
 
 
 def test_verifying_returns_the_very_bytes_that_were_hashed(
@@ -199,7 +261,7 @@ def several(
     publish("nominal", 10)
     publish("stiff", 1, system=STIFF)
     publish("zeta", 1)
-    return ModelStore.load(store, CPU)
+    return ModelStore.load(store, CPU, THREADS)
 
 
 def test_models_and_versions_live_side_by_side(several: ModelStore) -> None:
@@ -262,7 +324,7 @@ def test_where_no_model_fits_those_that_exist_are_named(
 
 
 def test_an_empty_store_says_that_there_are_none(store: Path) -> None:
-    models = ModelStore.load(store, CPU)
+    models = ModelStore.load(store, CPU, THREADS)
 
     with pytest.raises(UnknownModel, match="there are: none"):
         models.find("tiny")

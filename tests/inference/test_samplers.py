@@ -1,5 +1,7 @@
 import math
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import TypeAlias
 
 import pytest
 import torch
@@ -13,8 +15,10 @@ from app.inference.samplers import (
     InvalidStepCount,
     NoisePredictor,
     ddim,
+    dpm_solver,
+    even_times,
     guided,
-    sampling_times,
+    middle_times,
 )
 
 T = 200
@@ -23,12 +27,15 @@ ALPHAS = [math.cos((t + 2) / 205 * math.pi / 2) ** 2 for t in range(T)]
 MEAN, STD = 0.3, 0.2
 UNBOUNDED = 1e12
 
+Solver: TypeAlias = Callable[..., Tensor]
+every_solver = pytest.mark.parametrize("solve", [ddim, dpm_solver])
 
-def optimal_denoiser(mean: float, std: float) -> NoisePredictor:
+
+def optimal_denoiser(mean: float, std: float, alphas: Sequence[float] = ALPHAS) -> NoisePredictor:
     """The best noise prediction where all data are independently N(mean, std^2)."""
 
     def predict_noise(u: Tensor, t: int) -> Tensor:
-        alpha = ALPHAS[t]
+        alpha = alphas[t]
         return math.sqrt(1 - alpha) * (u - math.sqrt(alpha) * mean) / (alpha * std**2 + 1 - alpha)
 
     return predict_noise
@@ -49,7 +56,7 @@ def spread(times: list[int], std: float) -> float:
 
 
 def sample(noise: Tensor, steps: int, bound: float = UNBOUNDED) -> Tensor:
-    return ddim(optimal_denoiser(MEAN, STD), noise, sampling_times(T, steps), ALPHAS, bound)
+    return ddim(optimal_denoiser(MEAN, STD), noise, even_times(T, steps), ALPHAS, bound)
 
 
 @pytest.mark.parametrize("steps", range(1, T + 1))
@@ -60,7 +67,7 @@ def test_ddim_on_gaussian_data_follows_the_closed_form(steps: int) -> None:
     controls = sample(noise, steps)
 
     assert controls.shape == noise.shape
-    expected = MEAN + spread(sampling_times(T, steps), STD) * offsets
+    expected = MEAN + spread(even_times(T, steps), STD) * offsets
     torch.testing.assert_close(controls, expected, rtol=1e-9, atol=1e-9)
 
 
@@ -76,12 +83,13 @@ def test_ddim_recovers_the_spread_of_the_data_as_steps_grow() -> None:
     assert misses[-1] < 0.02 * STD
 
 
+@every_solver
 @pytest.mark.parametrize("steps", [1, 2, 3, 10, 50, 199, 200])
-def test_ddim_stays_finite_and_within_the_bound(steps: int) -> None:
+def test_controls_stay_finite_and_within_the_bound(solve: Solver, steps: int) -> None:
     noise = 3 * torch.randn(4, 64, generator=torch.Generator().manual_seed(0))
 
-    controls = ddim(
-        lambda u, t: torch.sin(7 * u + t), noise, sampling_times(T, steps), ALPHAS, bound=0.5
+    controls = solve(
+        lambda u, t: torch.sin(7 * u + t), noise, even_times(T, steps), ALPHAS, bound=0.5
     )
 
     assert torch.all(torch.isfinite(controls))
@@ -89,22 +97,24 @@ def test_ddim_stays_finite_and_within_the_bound(steps: int) -> None:
     assert controls.dtype == noise.dtype
 
 
-def test_ddim_keeps_within_one_unless_told_otherwise() -> None:
+@every_solver
+def test_controls_keep_within_one_unless_told_otherwise(solve: Solver) -> None:
     noise = torch.linspace(-3, 3, 8).reshape(1, 8)
 
-    controls = ddim(lambda u, _: -u, noise, sampling_times(T, 5), ALPHAS)
+    controls = solve(lambda u, _: -u, noise, even_times(T, 5), ALPHAS)
 
     assert controls.abs().max() == 1.0
 
 
-def test_the_last_step_ends_at_the_clean_sequence_without_noise() -> None:
+@every_solver
+def test_the_last_step_ends_at_the_clean_sequence_without_noise(solve: Solver) -> None:
     """With true noise predictions the sequence that was noised comes back."""
     clean = torch.linspace(-0.9, 0.9, 12, dtype=torch.float64).reshape(2, 6)
     epsilon = torch.randn(2, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     noise = math.sqrt(ALPHAS[-1]) * clean + math.sqrt(1 - ALPHAS[-1]) * epsilon
 
     for steps in (1, 2, 7, 200):
-        controls = ddim(lambda _u, _t: epsilon, noise, sampling_times(T, steps), ALPHAS)
+        controls = solve(lambda _u, _t: epsilon, noise, even_times(T, steps), ALPHAS)
         torch.testing.assert_close(controls, clean, rtol=0, atol=1e-9)
 
 
@@ -132,8 +142,9 @@ def test_the_noise_is_derived_anew_from_the_clamped_sequence() -> None:
     assert float(seen[1][0, 1]) == pytest.approx(expected, rel=1e-12)
 
 
-def test_ddim_predicts_once_at_each_time_and_leaves_the_noise_alone() -> None:
-    times = sampling_times(T, 9)
+@every_solver
+def test_each_time_is_predicted_at_once_and_the_noise_left_alone(solve: Solver) -> None:
+    times = even_times(T, 9)
     noise = torch.ones(1, 4)
     asked: list[int] = []
 
@@ -141,14 +152,104 @@ def test_ddim_predicts_once_at_each_time_and_leaves_the_noise_alone() -> None:
         asked.append(t)
         return u
 
-    ddim(predict_noise, noise, times, ALPHAS)
+    solve(predict_noise, noise, times, ALPHAS)
 
     assert asked == times[:-1]
     assert torch.all(noise == 1)
 
 
-def test_ddim_is_offered_under_its_name() -> None:
-    assert SAMPLERS["ddim"] is ddim
+def schedule(steps: int) -> list[float]:
+    """Signal shares of `steps` + 1 levels whose log ratios are evenly spaced from 3 to -3."""
+    return [1 / (1 + math.exp(-2 * (3 - 6 * i / steps))) for i in range(steps + 1)]
+
+
+def miss(solve: Solver, steps: int) -> float:
+    """How far a sampling of Gaussian data ends from the solution of the differential equation.
+
+    That solution keeps u - sqrt(alpha) mean in proportion to the spread of the noisy data. It is
+    followed over `steps` steps; the step to the clean sequence then is the same for all of them.
+    """
+    alphas = schedule(steps)
+    noise = torch.tensor([[0.0], [1.0]], dtype=torch.float64) + math.sqrt(alphas[-1]) * MEAN
+    low, high = solve(
+        optimal_denoiser(MEAN, STD, alphas),
+        noise,
+        [*range(steps, -1, -1), CLEAN],
+        alphas,
+        UNBOUNDED,
+    )
+    assert float(low) == pytest.approx(MEAN, abs=1e-12)
+    first, last = (alphas[i] * STD**2 + 1 - alphas[i] for i in (-1, 0))
+    exact = math.sqrt(last / first) * math.sqrt(alphas[0]) * STD**2 / last
+    return abs(float(high - low) - exact)
+
+
+@pytest.mark.parametrize(("solve", "order"), [(ddim, 1), (dpm_solver, 2)])
+def test_the_error_falls_with_the_order_of_the_solver(solve: Solver, order: int) -> None:
+    misses = [miss(solve, steps) for steps in (40, 80, 160, 320)]
+
+    for coarse, fine in pairwise(misses):
+        assert math.log2(coarse / fine) == pytest.approx(order, abs=0.15)
+
+
+def test_dpm_solver_is_linear_in_the_offsets_and_recovers_the_spread_of_the_data() -> None:
+    offsets = torch.linspace(-3, 3, 16, dtype=torch.float64).reshape(2, 8)
+    noise = math.sqrt(ALPHAS[-1]) * MEAN + offsets
+
+    def factor(steps: int) -> float:
+        predict_noise = optimal_denoiser(MEAN, STD)
+        controls = dpm_solver(predict_noise, noise, even_times(T, steps), ALPHAS, UNBOUNDED)
+        found = float((controls[0, 0] - MEAN) / offsets[0, 0])
+        torch.testing.assert_close(controls, MEAN + found * offsets, rtol=1e-9, atol=1e-9)
+        return found
+
+    misses = [abs(factor(steps) - STD) for steps in (10, 20, 50, 100, 200)]
+    assert misses == sorted(misses, reverse=True)
+    assert misses[-1] < 0.002 * STD
+
+
+@pytest.mark.parametrize(
+    ("times", "same"),
+    [([150, CLEAN], True), ([150, 60, CLEAN], True), ([190, 150, 60, CLEAN], False)],
+    ids=["one step", "two", "three"],
+)
+def test_up_to_two_steps_dpm_solver_is_ddim(times: list[int], same: bool) -> None:
+    noise = torch.randn(4, 16, generator=torch.Generator().manual_seed(2))
+
+    first, second = (
+        solve(lambda u, t: torch.sin(u + t), noise, times, ALPHAS) for solve in (ddim, dpm_solver)
+    )
+
+    assert torch.equal(first, second) == same
+
+
+def test_dpm_solver_steps_to_a_clean_sequence_extrapolated_in_the_log_ratio() -> None:
+    """The formula of Lu et al. 2022, Algorithm 2, with clean sequences that are given."""
+    times, cleans = [150, 100, 40, CLEAN], {150: 0.6, 100: 0.2, 40: 0.1}
+    seen: list[float] = []
+
+    def predict_noise(u: Tensor, t: int) -> Tensor:
+        seen.append(float(u))
+        return (u - math.sqrt(ALPHAS[t]) * cleans[t]) / math.sqrt(1 - ALPHAS[t])
+
+    result = dpm_solver(predict_noise, torch.tensor([[0.7]], dtype=torch.float64), times, ALPHAS)
+
+    signal = {t: math.sqrt(ALPHAS[t]) for t in cleans}
+    sigma = {t: math.sqrt(1 - ALPHAS[t]) for t in cleans}
+    log_ratio = {t: math.log(signal[t] / sigma[t]) for t in cleans}
+    h, previous_h = log_ratio[40] - log_ratio[100], log_ratio[100] - log_ratio[150]
+    r = previous_h / h
+    extrapolated = (1 + 1 / (2 * r)) * cleans[100] - 1 / (2 * r) * cleans[150]
+    expected = sigma[40] / sigma[100] * seen[1] - signal[40] * math.expm1(-h) * extrapolated
+    assert seen[2] == pytest.approx(expected, rel=1e-12)
+    assert float(result) == pytest.approx(cleans[40], rel=1e-12)
+
+
+def test_samplers_are_offered_under_their_names_with_their_times() -> None:
+    assert {name: tuple(sampler) for name, sampler in SAMPLERS.items()} == {
+        "ddim": (even_times, ddim),
+        "dpm_solver": (middle_times, dpm_solver),
+    }
 
 
 @pytest.mark.parametrize("num_timesteps", [1, 2, 50, 200])
@@ -156,7 +257,7 @@ def test_times_fall_strictly_from_the_noisiest_to_clean_for_every_step_count(
     num_timesteps: int,
 ) -> None:
     for steps in range(1, num_timesteps + 1):
-        times = sampling_times(num_timesteps, steps)
+        times = even_times(num_timesteps, steps)
 
         assert len(times) == steps + 1
         assert times[0] == num_timesteps - 1
@@ -167,7 +268,7 @@ def test_times_fall_strictly_from_the_noisiest_to_clean_for_every_step_count(
 @given(st.integers(2, 2000).flatmap(lambda n: st.tuples(st.just(n), st.integers(2, n))))
 def test_times_are_evenly_spaced_down_to_the_first(counts: tuple[int, int]) -> None:
     num_timesteps, steps = counts
-    times = sampling_times(num_timesteps, steps)[:-1]
+    times = even_times(num_timesteps, steps)[:-1]
 
     assert times[-1] == 0
     gaps = [t - next_t for t, next_t in pairwise(times)]
@@ -178,18 +279,48 @@ def test_times_are_evenly_spaced_down_to_the_first(counts: tuple[int, int]) -> N
 @pytest.mark.parametrize("steps", [0, -1, T + 1])
 def test_a_step_count_that_the_model_does_not_have_is_refused(steps: int) -> None:
     with pytest.raises(InvalidStepCount, match="from 1 to 200"):
-        sampling_times(T, steps)
+        even_times(T, steps)
+
+
+def test_middle_times_are_evenly_spaced_from_seven_to_two_and_a_half_tenths() -> None:
+    assert middle_times(200, 1) == [140, CLEAN]
+    assert middle_times(200, 2) == [140, 50, CLEAN]
+    assert middle_times(200, 4) == [140, 110, 80, 50, CLEAN]
+    assert middle_times(1000, 3) == [700, 475, 250, CLEAN]
+
+
+@pytest.mark.parametrize(
+    ("num_timesteps", "available"), [(1, 1), (2, 2), (3, 2), (4, 3), (20, 10), (50, 24), (200, 91)]
+)
+def test_middle_times_fall_strictly_for_every_step_count_and_others_are_refused(
+    num_timesteps: int, available: int
+) -> None:
+    for steps in range(1, available + 1):
+        times = middle_times(num_timesteps, steps)
+
+        assert len(times) == steps + 1
+        assert times[-1] == CLEAN
+        assert num_timesteps > times[0] >= times[-2] >= 0
+        assert all(t > next_t for t, next_t in pairwise(times))
+    for steps in (-1, 0, available + 1):
+        with pytest.raises(InvalidStepCount, match=f"from 1 to {available}, "):
+            middle_times(num_timesteps, steps)
 
 
 class FakeNetwork:
-    """Answers 1 for rows with their condition and 10 for rows without, and counts."""
+    """Answers 1 for rows with their condition and 10 for rows without, and remembers."""
 
     def __init__(self) -> None:
-        self.calls: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
+        self.embedded: list[Tensor] = []
+        self.calls: list[tuple[Tensor, Tensor, Tensor]] = []
 
-    def __call__(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:
-        self.calls.append((u, t, condition, keep))
-        return torch.where(keep, 1.0, 10.0)[:, None, None] * u
+    def embed(self, condition: Tensor) -> Tensor:
+        self.embedded.append(condition)
+        return torch.stack([condition, torch.zeros(4)])
+
+    def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
+        self.calls.append((u_t.clone(), t.clone(), embedding))
+        return torch.where(embedding.any(dim=1, keepdim=True), 1.0, 10.0) * u_t
 
 
 CONDITION = torch.tensor([0.1, 0.2, 0.3, 0.4])
@@ -199,25 +330,24 @@ NOISE = torch.arange(15, dtype=torch.float32).reshape(3, 5)
 def test_guidance_of_one_is_one_conditional_prediction() -> None:
     network = FakeNetwork()
 
-    prediction = guided(network, CONDITION, 1.0)(NOISE, 17)
+    prediction = guided(network, CONDITION, 1.0, 3)(NOISE, 17)
 
-    ((u, t, condition, keep),) = network.calls
-    assert u.shape == (3, 1, 5)
+    ((u, t, embedding),) = network.calls
+    assert torch.equal(u, NOISE)
     assert t.tolist() == [17] * 3
     assert t.dtype == torch.int64
-    assert torch.equal(condition, CONDITION.repeat(3, 1))
-    assert keep.tolist() == [True] * 3
+    assert torch.equal(embedding, CONDITION.repeat(3, 1))
     torch.testing.assert_close(prediction, NOISE)
 
 
 def test_guidance_of_nought_is_one_unconditional_prediction() -> None:
     network = FakeNetwork()
 
-    prediction = guided(network, CONDITION, 0.0)(NOISE, 17)
+    prediction = guided(network, CONDITION, 0.0, 3)(NOISE, 17)
 
-    ((u, _, _, keep),) = network.calls
-    assert u.shape == (3, 1, 5)
-    assert keep.tolist() == [False] * 3
+    ((u, _, embedding),) = network.calls
+    assert torch.equal(u, NOISE)
+    assert not embedding.any()
     torch.testing.assert_close(prediction, 10 * NOISE)
 
 
@@ -225,24 +355,28 @@ def test_guidance_of_nought_is_one_unconditional_prediction() -> None:
 def test_guidance_weighs_both_predictions_from_one_batch(scale: float) -> None:
     network = FakeNetwork()
 
-    prediction = guided(network, CONDITION, scale)(NOISE, 17)
+    prediction = guided(network, CONDITION, scale, 3)(NOISE, 17)
 
-    ((u, t, condition, keep),) = network.calls
-    assert u.shape == (6, 1, 5)
+    ((u, t, embedding),) = network.calls
     assert t.tolist() == [17] * 6
-    assert keep.dtype == torch.bool
+    keep = embedding.any(dim=1)
     assert sorted(keep.tolist()) == [False] * 3 + [True] * 3
-    assert torch.equal(condition[keep], CONDITION.repeat(3, 1))
-    torch.testing.assert_close(u[keep].squeeze(1), NOISE)
-    torch.testing.assert_close(u[~keep].squeeze(1), NOISE)
+    assert torch.equal(embedding[keep], CONDITION.repeat(3, 1))
+    assert torch.equal(u[keep], NOISE)
+    assert torch.equal(u[~keep], NOISE)
     # eps_uncond + s (eps_cond - eps_uncond)
     torch.testing.assert_close(prediction, 10 * NOISE + scale * (1 - 10) * NOISE)
 
 
+@every_solver
 @pytest.mark.parametrize(("scale", "rows"), [(0.0, 3), (1.0, 3), (2.0, 6)])
-def test_a_guided_sampling_makes_one_call_a_step(scale: float, rows: int) -> None:
+def test_a_guided_sampling_embeds_once_and_makes_one_call_a_step(
+    solve: Solver, scale: float, rows: int
+) -> None:
     network = FakeNetwork()
+    times = even_times(T, 12)
 
-    ddim(guided(network, CONDITION, scale), NOISE, sampling_times(T, 12), ALPHAS)
+    solve(guided(network, CONDITION, scale, 3), NOISE, times, ALPHAS)
 
-    assert [len(u) for u, *_ in network.calls] == [rows] * 12
+    assert len(network.embedded) == 1
+    assert [t.tolist() for _, t, _ in network.calls] == [[time] * rows for time in times[:-1]]

@@ -18,6 +18,7 @@ class Options:
     between: Annotated[int, Ge(1), Le(5)] = 3
     interval: Annotated[float, Interval(ge=0, lt=1)] = 0.5
     unbounded: Annotated[float, "any finite number"] = 0.0
+    perhaps: Annotated[float, Ge(0)] | None = None
     nested: list[float] = field(default_factory=list)
 
 
@@ -38,6 +39,7 @@ def test_values_within_their_ranges_pass() -> None:
         (Options(between=6), "between must be at most 5"),
         (Options(interval=-0.1), "interval must be at least 0"),
         (Options(interval=1.0), "interval must be less than 1"),
+        (Options(perhaps=-1.0), "perhaps must be at least 0"),
     ],
 )
 def test_a_value_out_of_its_range_is_refused_with_the_bound(options: Options, message: str) -> None:
@@ -45,7 +47,7 @@ def test_a_value_out_of_its_range_is_refused_with_the_bound(options: Options, me
         check_ranges(options)
 
 
-@pytest.mark.parametrize("name", ["above", "at_most", "interval", "unbounded"])
+@pytest.mark.parametrize("name", ["above", "at_most", "interval", "unbounded", "perhaps"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"^{name} must be a finite number$"):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.methods import CEM, DatasetPrior
 from app.planning.planner import plan
 from app.planning.problem import Problem

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.problem import Problem
 from app.planning.reachability import reachability
 from app.planning.system import FloatArray, Parameters, System, step

@@ -11,6 +11,7 @@ import torch
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
 from app.inference.model_store import ModelStore, find_versions
+from app.inference.row_threads import RowThreads
 from training.config import TrainingConfig
 from training.export import export, version_directory
 from training.trainer import Trainer
@@ -96,18 +97,17 @@ def test_the_loss_curve_lists_every_record(published: Path, trainer: Trainer) ->
 def test_the_service_loads_what_was_published_with_the_averaged_weights(
     store: Path, trainer: Trainer
 ) -> None:
-    model = ModelStore.load(store, CPU).find("tiny/1")
+    network = ModelStore.load(store, CPU, RowThreads(1)).find("tiny/1").network
 
     torch.manual_seed(0)
-    inputs = (
-        torch.randn(4, 1, 16),
-        torch.tensor([0, 5, 10, 19]),
-        torch.randn(4, 4),
-        torch.tensor([True, True, False, False]),
-    )
+    u_t, t, condition = torch.randn(4, 16), torch.tensor([0, 5, 10, 19]), torch.randn(4)
+    keep = torch.tensor([True, True, False, False])
     with torch.inference_mode():
         torch.testing.assert_close(
-            model.unet(*inputs), trainer.averaged_unet(*inputs), rtol=0, atol=1e-5
+            network.predict(u_t, t, network.embed(condition)[[0, 0, 1, 1]]),
+            trainer.averaged_unet(u_t.unsqueeze(1), t, condition.expand(4, -1), keep).squeeze(1),
+            rtol=0,
+            atol=1e-5,
         )
 
 

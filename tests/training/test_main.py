@@ -8,6 +8,7 @@ import torch
 
 from app.inference.manifest import Manifest
 from app.inference.model_store import ModelStore
+from app.inference.row_threads import RowThreads
 
 CONFIG = """
 name = "tiny"
@@ -66,7 +67,7 @@ def test_a_configuration_becomes_a_model_that_the_service_loads(tmp_path: Path) 
     manifest = Manifest.read(directory / "manifest.json")
     assert manifest.system.static_friction == 0.8
     assert manifest.seeds == {"training": 5}
-    (model,) = ModelStore.load(tmp_path / "store", torch.device("cpu")).models
+    (model,) = ModelStore.load(tmp_path / "store", torch.device("cpu"), RowThreads(1)).models
     assert model.label == "tiny/2"
 
 

@@ -1,7 +1,7 @@
 """Action Diffusion (paper, Sect. 3): candidates from the learned p_theta(u | x0, x*)."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -9,6 +9,25 @@ from annotated_types import Ge, Le
 from app.planning.methods.base import LearnedProposal
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
+
+Sampler: TypeAlias = Literal["dpm_solver", "ddim", "paper"]
+Solver: TypeAlias = Literal["dpm_solver", "ddim"]
+
+
+class SamplerSettings(NamedTuple):
+    """What a sampler does where the request does not say."""
+
+    solver: Solver
+    steps: int
+    guidance_scale: float
+
+
+SAMPLER_SETTINGS: dict[Sampler, SamplerSettings] = {
+    "dpm_solver": SamplerSettings("dpm_solver", 3, 2.0),
+    "ddim": SamplerSettings("ddim", 10, 1.5),
+    "paper": SamplerSettings("ddim", 50, 2.0),
+}
+"""Found with `breakaway evaluate sampler-frontier`; the last one is the paper's Table 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,19 +37,33 @@ class ActionDiffusion:
     __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["action_diffusion"] = "action_diffusion"
-    sampler: Literal["ddim"] = "ddim"
-    steps: Annotated[int, Ge(1), Le(1000)] = 50
-    """Denoising steps; no more than the model was trained with."""
-    guidance_scale: Annotated[float, Ge(0), Le(20)] = 2.0
-    """s: 0 ignores the states, 1 samples the conditional model, above 1 sharpens it."""
+    sampler: Sampler = "dpm_solver"
+    """`dpm_solver` is DPM-Solver++ (2M); `paper` is `ddim` with the paper's steps and guidance."""
+    steps: Annotated[int, Ge(1), Le(1000)] | None = None
+    """Denoising steps; by default 3 (`dpm_solver`), 10 (`ddim`) or 50 (`paper`)."""
+    guidance_scale: Annotated[float, Ge(0), Le(20)] | None = None
+    """s: 0 ignores the states, 1 samples the conditional model, above 1 sharpens it; by default 2
+    (`dpm_solver`, `paper`) or 1.5 (`ddim`)."""
 
     def __post_init__(self) -> None:
         """Check the ranges.
 
         Raises:
-            ValueError: an option is out of its range.
+            ValueError: an option is out of its range, or changes the paper's sampler.
         """
         check_ranges(self)
+        if self.sampler == "paper" and (self.steps, self.guidance_scale) != (None, None):
+            raise ValueError("the paper's sampler has its own steps and guidance_scale; use ddim")
+
+    @property
+    def settings(self) -> SamplerSettings:
+        """What the sampler does, nothing left open."""
+        settings = SAMPLER_SETTINGS[self.sampler]
+        if self.steps is not None:
+            settings = settings._replace(steps=self.steps)
+        if self.guidance_scale is not None:
+            settings = settings._replace(guidance_scale=self.guidance_scale)
+        return settings
 
     def propose(
         self,
@@ -47,9 +80,10 @@ class ActionDiffusion:
         if learned is None:
             raise ValueError("action_diffusion needs a learned proposal")
         noise = rng.standard_normal((num_candidates, problem.horizon))
-        return learned.sample(problem, noise, self.sampler, self.steps, self.guidance_scale)
+        return learned.sample(problem, noise, *self.settings)
 
     def cost(self, num_candidates: int) -> Cost:
         """Two predictions a step, or one where guidance has only one to weigh (s = 0 or 1)."""
-        predictions = 1 if self.guidance_scale in (0.0, 1.0) else 2
-        return Cost(network_evaluations=self.steps * predictions)
+        settings = self.settings
+        predictions = 1 if settings.guidance_scale in (0.0, 1.0) else 2
+        return Cost(network_evaluations=settings.steps * predictions)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.methods.base import LearnedProposal, check_initial_controls
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem

@@ -38,7 +38,7 @@ def test_the_options_and_standard_normal_noise_reach_the_model() -> None:
 
     (call,) = model.calls
     assert call["problem"] is PROBLEM
-    assert (call["sampler"], call["steps"], call["guidance_scale"]) == ("ddim", 12, 3.5)
+    assert (call["sampler"], call["steps"], call["guidance_scale"]) == ("dpm_solver", 12, 3.5)
     assert call["noise"].shape == (400, 48)
     assert call["noise"].mean() == pytest.approx(0.0, abs=0.02)
     assert call["noise"].std() == pytest.approx(1.0, abs=0.02)
@@ -46,10 +46,34 @@ def test_the_options_and_standard_normal_noise_reach_the_model() -> None:
     assert proposal.queue_ms == 1.0
 
 
-def test_the_settings_of_the_paper_are_the_default() -> None:
-    method = ActionDiffusion()
+@pytest.mark.parametrize(
+    ("method", "settings", "evaluations"),
+    [
+        (ActionDiffusion(), ("dpm_solver", 3, 2.0), 6),
+        (ActionDiffusion(sampler="ddim"), ("ddim", 10, 1.5), 20),
+        (ActionDiffusion(sampler="paper"), ("ddim", 50, 2.0), 100),
+        (ActionDiffusion(steps=7), ("dpm_solver", 7, 2.0), 14),
+        (ActionDiffusion(sampler="ddim", guidance_scale=0.0), ("ddim", 10, 0.0), 10),
+        (ActionDiffusion(sampler="ddim", steps=5, guidance_scale=1.0), ("ddim", 5, 1.0), 5),
+    ],
+)
+def test_what_is_left_open_is_settled_by_the_sampler(
+    method: ActionDiffusion, settings: tuple[str, int, float], evaluations: int
+) -> None:
+    model = Recorder()
 
-    assert (method.sampler, method.steps, method.guidance_scale) == ("ddim", 50, 2.0)
+    method.propose(PROBLEM, 4, np.random.default_rng(0), model)
+
+    (call,) = model.calls
+    assert (call["sampler"], call["steps"], call["guidance_scale"]) == settings
+    assert method.settings == settings
+    assert method.cost(4) == Cost(network_evaluations=evaluations)
+
+
+@pytest.mark.parametrize("options", [{"steps": 50}, {"guidance_scale": 2.0}, {"steps": 10}])
+def test_the_sampler_of_the_paper_is_not_to_be_changed(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"the paper's sampler has its own .*; use ddim"):
+        ActionDiffusion(sampler="paper", **options)
 
 
 def test_without_a_model_it_says_what_is_missing() -> None:

@@ -1,15 +1,14 @@
 """The benchmark's NumPy reference is the kernel's equal, so that their ratio means something."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from app.benchmark import numpy_rollout
+from app.benchmark.planning import numpy_rollout
 from app.planning.system import System, rollout
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.5), st.floats(-1, 1))
-@settings(deadline=None)
 def test_the_reference_rolls_out_like_the_kernel(seed: int, limit: float, velocity: float) -> None:
     system = System(control_limit=limit)
     controls = np.random.default_rng(seed).uniform(-limit, limit, (8, 40))

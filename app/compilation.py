@@ -7,9 +7,11 @@ Nothing here knows what a kernel computes.
 # mypy: disable-error-code="attr-defined"
 
 import hashlib
+import inspect
 import tempfile
 import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -20,15 +22,21 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _cache_directory() -> str | None:
-    """Return a folder that changes whenever a source file of this package does.
+APP = Path(__file__).parent
+KERNEL_PACKAGES = (APP / "planning", APP / "inference")
+"""Kernels call kernels of their own package only."""
+
+
+@lru_cache
+def _cache_directory(package: Path) -> str | None:
+    """Return a folder that changes whenever a source file of `package` does.
 
     Numba checks only the file that a kernel stands in, not the kernels that it calls in other
     files, so an edited plant would otherwise live on inside a cached CEM. None where the folder
     cannot be written to: Numba's own fallback, beside the sources, has just that flaw.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
+    for source in sorted(package.rglob("*.py")):
         digest.update(source.read_bytes())
     base = config.CACHE_DIR or platformdirs.user_cache_dir("breakaway")
     directory = Path(base) / digest.hexdigest()[:16]
@@ -43,7 +51,10 @@ def _cache_directory() -> str | None:
         return None
 
 
-_CACHE_DIRECTORY = _cache_directory()
+def _package(function: Callable[P, R]) -> Path:
+    """Return the package that `function` stands in; the whole app for a kernel outside of it."""
+    file = Path(inspect.getfile(function))
+    return next((package for package in KERNEL_PACKAGES if file.is_relative_to(package)), APP)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -53,9 +64,10 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     (no `parallel`): the service runs several plans at once instead. Where no folder can be written
     to, the kernel is compiled anew in each process.
     """
+    directory = _cache_directory(_package(function))
     before = config.CACHE_DIR
-    config.CACHE_DIR = _CACHE_DIRECTORY or before
+    config.CACHE_DIR = directory or before
     try:
-        return njit(nogil=True, cache=_CACHE_DIRECTORY is not None)(function)
+        return njit(nogil=True, cache=directory is not None)(function)
     finally:
         config.CACHE_DIR = before

@@ -12,7 +12,7 @@ from app.planning.system import System, rollout
 
 # Kernels in this file call a kernel in another one, as the CEM calls the plant.
 PROBE = """
-from app.planning.compilation import compiled
+from app.compilation import compiled
 from app.planning.system import System, step
 
 @compiled
@@ -123,3 +123,24 @@ def test_an_edited_plant_is_compiled_anew_in_the_kernels_that_call_it(
     after = run(source, cache, "-m", "app.planning.probe").stdout
 
     assert float.fromhex(after.strip()) > float.fromhex(before.strip())
+
+
+def test_an_edit_under_inference_leaves_the_kernels_of_planning_in_their_cache(
+    source: Path, tmp_path: Path
+) -> None:
+    """A package's cache folder is made when the first of its kernels is imported."""
+    cache = tmp_path / "cache"
+
+    def folders_after_importing(module: str) -> set[Path]:
+        run(source, str(cache), "-c", f"import {module}")
+        return {path for path in cache.glob("*/*") if path.is_dir()}
+
+    planning = folders_after_importing("app.planning.system")
+    both = folders_after_importing("app.inference.simd")
+    with (source / "app" / "inference" / "simd.py").open("a") as file:
+        file.write("# edited\n")
+
+    assert len(planning) == 1
+    assert len(both - planning) == 1
+    assert folders_after_importing("app.planning.system") == both
+    assert len(folders_after_importing("app.inference.simd") - both) == 1

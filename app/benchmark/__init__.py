@@ -1,0 +1,4 @@
+"""`breakaway bench`: speed, as ratios and medians measured side by side in one run.
+
+The plain references that ours is measured against live here and nowhere else.
+"""

@@ -1,0 +1,44 @@
+"""Refined plans from two network evaluations, in this process."""
+
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from app.client.multistep_random import random_sequences
+from app.inference.engine import EngineProposal
+from app.planning.methods import ActionDiffusion
+from app.planning.planner import plan_multistep
+from app.planning.refinement import Refinement
+from app.planning.system import System
+
+METHOD = ActionDiffusion(sampler="dpm_solver", steps=2, guidance_scale=1.0)
+NUM_CANDIDATES = 4
+SEQUENCES = 100
+
+
+def quick_plans(proposal: EngineProposal, horizon: int) -> str:
+    """Plan the random multi-step task; return a line."""
+    errors, floors, times = [], [], []
+    for index, targets in enumerate(random_sequences(SEQUENCES, seed=0)):
+        rng = np.random.default_rng(index)
+        started = perf_counter()
+        made = plan_multistep(
+            np.zeros(2),
+            [np.array(target) for target in targets],
+            System(),
+            horizon,
+            METHOD,
+            NUM_CANDIDATES,
+            rng,
+            proposal,
+            Refinement(),
+        )
+        times.append((perf_counter() - started) * 1e3 / len(targets))
+        errors.append(made.mean_end_error)
+        floors.append(made.mean_end_floor)
+    return (
+        f"action_diffusion with {METHOD.cost(1).network_evaluations} evaluations, "
+        f"K = {NUM_CANDIDATES}, refined: {median(times):.2f} ms a plan; mean end error "
+        f"{np.mean(errors):.4f}, floor {np.mean(floors):.4f} ({SEQUENCES} sequences of 3 targets)"
+    )

@@ -252,7 +252,7 @@ async def _evaluate_multistep_random(
     )
     typer.echo("| method | K | mean end error | floor | final error | stuck steps | ms a plan |")
     typer.echo("| --- | --- | --- | --- | --- | --- | --- |")
-    by_label = {_label(method): _method(method) for method in methods}
+    by_label = {_label(method): method for method in map(_method, methods)}
     async for result in evaluate(client, by_label, budgets, num_sequences, num_runs, seed, refine):
         typer.echo(_evaluation_row(result))
 
@@ -267,9 +267,8 @@ def _method(text: str) -> str | dict[str, Any]:
     return method
 
 
-def _label(text: str) -> str:
+def _label(method: str | dict[str, Any]) -> str:
     """Return how a table calls a method."""
-    method = _method(text)
     if isinstance(method, str):
         return f"`{method}`"
     options = ", ".join(f"{name} {value}" for name, value in method.items() if name != "name")

@@ -19,13 +19,12 @@ PRODUCT_SIZE = 2048
 
 
 def network(
-    model: Model, paper_unet: PaperUNet, script: torch.jit.ScriptModule, num_threads: int
+    model: Model, paper_unet: PaperUNet, frozen: ScriptedNetwork, num_threads: int
 ) -> Iterator[str]:
     """Measure a forward pass by eager PyTorch, TorchScript and the engine; yield table lines.
 
     Operations are counted as the layers define them, also where the engine does with fewer.
     """
-    frozen = ScriptedNetwork(torch.jit.freeze(script))
     horizon = model.manifest.horizon
     u, t, condition = torch.randn(1, 1, horizon), torch.zeros(1, dtype=torch.int64), torch.randn(4)
     with FlopCounterMode(display=False) as counter:

@@ -1,6 +1,5 @@
 """The benchmarks one after the other."""
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from app.benchmark.quick_plans import quick_plans
 from app.benchmark.sampling import sampling
 from app.benchmark.service import service
 from app.inference.engine import Engine
-from app.inference.model_store import verify
+from app.inference.model_store import read_torchscript, verify
 from app.planning.problem import DEFAULT_HORIZON
 from app.planning.system import System
 from app.planning.warm_up import warm_up
@@ -30,14 +29,14 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     engine = Engine(num_threads)
     model = engine.load(store, torch.device("cpu")).fitting(System(), DEFAULT_HORIZON)
     _, checkpoint = verify(store / model.manifest.name / str(model.manifest.version))
-    script = torch.jit.load(io.BytesIO(checkpoint)).eval()  # type: ignore[no-untyped-call]
+    script, frozen = read_torchscript(checkpoint, model.device)
     paper_unet = PaperUNet(script.state_dict())
     # After the engine, which limits PyTorch to one thread: the references have them all.
     torch.set_num_threads(num_threads)
     proposal = engine.bind(model)
     yield f"{model.label}, {num_threads} threads\n\n## The network\n"
     with torch.inference_mode():
-        yield from network(model, paper_unet, script, num_threads)
+        yield from network(model, paper_unet, frozen, num_threads)
     yield "\n## Sampling, beside the paper's sampler in eager PyTorch\n"
     yield from sampling(model, proposal, paper_unet)
     yield "\n## Planning\n"

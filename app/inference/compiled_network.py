@@ -5,7 +5,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import linear, pad, silu
 
-from app.inference.convolution_kernel import GROUPS, KERNEL_TRANSFORM, POINTS, Floats
+from app.inference.convolution_kernel import GROUPS, KERNEL_TRANSFORM, POINTS
+from app.inference.matrix_product import Floats
 from app.inference.network import CONDITION_SIZE, Network
 from app.inference.row_threads import RowThreads
 from app.inference.simd import LANES

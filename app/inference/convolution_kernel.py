@@ -8,13 +8,10 @@ tiles of four outputs from six products.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.compilation import compiled
-from app.inference.matrix_product import TILE_ROWS, multiply
+from app.inference.matrix_product import TILE_ROWS, Floats, multiply
 from app.inference.simd import LANES, load, multiply_add, silu, spread, store
-
-Floats = NDArray[np.float32]
 
 GROUPS = 8
 TILE = 4
@@ -76,11 +73,17 @@ def points_apart(length: int, channels: int) -> int:
 @compiled
 def pad(x: Floats, length: int, channels: int, scratch: Scratch) -> Floats:
     """Return `x` with a position of zeros before and after, in `scratch.padded`."""
-    end = (length + 1) * channels
+    padded = _between_zeros(length, channels, scratch)
+    padded[channels : (length + 1) * channels] = x
+    return padded
+
+
+@compiled
+def _between_zeros(length: int, channels: int, scratch: Scratch) -> Floats:
+    """Return `scratch.padded` with zeros before and after where `length` positions will go."""
     padded = scratch.padded
     padded[:channels] = _ZERO
-    padded[channels:end] = x
-    padded[end : end + channels] = _ZERO
+    padded[(length + 1) * channels : (length + 2) * channels] = _ZERO
     return padded
 
 
@@ -88,10 +91,9 @@ def pad(x: Floats, length: int, channels: int, scratch: Scratch) -> Floats:
 def activate(x: Floats, length: int, scale: Floats, shift: Floats, scratch: Scratch) -> None:
     """Write SiLU(GroupNorm(x)) to `scratch.padded`, a position of zeros before and after it."""
     channels = scale.size
-    factors, summands, padded = scratch.factors, scratch.summands, scratch.padded
+    factors, summands = scratch.factors, scratch.summands
     _normalisation(x, length, scale, shift, factors, summands)
-    padded[:channels] = _ZERO
-    padded[(length + 1) * channels : (length + 2) * channels] = _ZERO
+    padded = _between_zeros(length, channels, scratch)
     for c in range(0, channels, LANES):
         factor, summand = load(factors, c), load(summands, c)
         for position in range(length):

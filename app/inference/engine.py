@@ -97,12 +97,11 @@ def _sample(
     """Return the controls (K, H) and the time at which sampling began."""
     started = perf_counter()
     manifest = model.manifest
-    times = SAMPLERS[sampler].times(len(manifest.alphas_cumprod), steps)
-    condition = model.condition(problem)
-    controls = SAMPLERS[sampler].solve(
-        guided(model.network, condition, guidance_scale, len(noise)),
+    times, solve = SAMPLERS[sampler]
+    controls = solve(
+        guided(model.network, model.condition(problem), guidance_scale, len(noise)),
         torch.tensor(noise, dtype=torch.float32, device=model.device),
-        times,
+        times(len(manifest.alphas_cumprod), steps),
         manifest.alphas_cumprod,
     )
     return controls.cpu().numpy().astype(np.float64) * manifest.control_scale, started

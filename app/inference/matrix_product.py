@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from app.compilation import compiled
 from app.inference.simd import LANES, Vector, load, multiply_add, spread, spread_from, store
 
+Floats = NDArray[np.float32]
+
 TILE_ROWS = 4
 TILE_COLUMNS = 4 * LANES
 # A wide tile's sixteen accumulators of sixteen lanes need thirty-two registers of 512 bits.
@@ -21,12 +23,12 @@ _ZERO = np.float32(0)
 
 @compiled
 def multiply(
-    a: NDArray[np.float32],
+    a: Floats,
     a_start: int,
     a_stride: int,
-    b: NDArray[np.float32],
+    b: Floats,
     b_start: int,
-    out: NDArray[np.float32],
+    out: Floats,
     out_start: int,
     out_stride: int,
     rows: int,
@@ -59,13 +61,13 @@ def multiply(
 
 @compiled
 def _wide_tile(
-    a: NDArray[np.float32],
+    a: Floats,
     a_start: int,
     a_stride: int,
-    b: NDArray[np.float32],
+    b: Floats,
     b_start: int,
     b_stride: int,
-    out: NDArray[np.float32],
+    out: Floats,
     out_start: int,
     out_stride: int,
     depth: int,
@@ -98,9 +100,7 @@ def _wide_tile(
 
 
 @compiled
-def _store_four(
-    out: NDArray[np.float32], start: int, v0: Vector, v1: Vector, v2: Vector, v3: Vector
-) -> None:
+def _store_four(out: Floats, start: int, v0: Vector, v1: Vector, v2: Vector, v3: Vector) -> None:
     store(out, start, v0)
     store(out, start + LANES, v1)
     store(out, start + 2 * LANES, v2)
@@ -109,13 +109,13 @@ def _store_four(
 
 @compiled
 def _narrow_tile(
-    a: NDArray[np.float32],
+    a: Floats,
     a_start: int,
     a_stride: int,
-    b: NDArray[np.float32],
+    b: Floats,
     b_start: int,
     b_stride: int,
-    out: NDArray[np.float32],
+    out: Floats,
     out_start: int,
     out_stride: int,
     depth: int,

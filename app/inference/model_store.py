@@ -150,19 +150,29 @@ def verify(directory: Path) -> tuple[Manifest, bytes]:
     return manifest, checkpoint
 
 
+def read_torchscript(
+    checkpoint: bytes, device: torch.device
+) -> tuple[torch.jit.ScriptModule, ScriptedNetwork]:
+    """Return a checkpoint's network with its parts, and frozen, which runs faster and has none.
+
+    Raises:
+        RuntimeError: the bytes are no TorchScript.
+    """
+    with warnings.catch_warnings():
+        # TorchScript is the checkpoint contract; its deprecation is known and planned for.
+        warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
+        script: torch.jit.ScriptModule = torch.jit.load(  # type: ignore[no-untyped-call]
+            io.BytesIO(checkpoint), map_location=device
+        ).eval()
+        return script, ScriptedNetwork(torch.jit.freeze(script))
+
+
 def _load(directory: Path, device: torch.device, threads: RowThreads) -> Model:
     manifest, checkpoint = verify(directory)
     try:
-        with warnings.catch_warnings():
-            # TorchScript is the checkpoint contract; its deprecation is known and planned for.
-            warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
-            script = torch.jit.load(  # type: ignore[no-untyped-call]
-                io.BytesIO(checkpoint), map_location=device
-            ).eval()
-            frozen = ScriptedNetwork(torch.jit.freeze(script))
+        script, frozen = read_torchscript(checkpoint, device)
         _try(frozen, manifest.horizon, device)
         network = _fastest(script, frozen, manifest, device, threads)
-        _try(network, manifest.horizon, device)
     except RuntimeError as error:
         raise ModelRejected(f"{directory}: the checkpoint does not run: {error}") from error
     return Model(manifest, network, device)
@@ -180,12 +190,14 @@ def _fastest(
     if device.type != "cpu":
         return frozen
     try:
-        return derive(script, frozen, manifest.horizon, len(manifest.alphas_cumprod), threads)
+        network = derive(script, frozen, manifest.horizon, len(manifest.alphas_cumprod), threads)
     except UnsuitableNetwork as error:
         log.warning("%s runs as TorchScript, slowly: %s", manifest.name, error)
         # It has only PyTorch's own threads.
         torch.set_num_threads(threads.num_threads)
         return frozen
+    _try(network, manifest.horizon, device)
+    return network
 
 
 @torch.inference_mode()

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from app.compilation import compiled
 from app.inference.convolution_kernel import (
     TILE,
-    Floats,
     Scratch,
     activate,
     convolve,
@@ -19,7 +18,7 @@ from app.inference.convolution_kernel import (
     make_scratch,
     pad,
 )
-from app.inference.matrix_product import multiply
+from app.inference.matrix_product import Floats, multiply
 from app.inference.simd import LANES, load, store
 
 LENGTH_MULTIPLE = 2 * TILE

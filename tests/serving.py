@@ -12,6 +12,9 @@ import uvicorn
 from app.main import create_app
 from app.settings import Settings
 
+COLD_START_SECONDS = 300
+"""The first start compiles every kernel: a minute on two free cores, more on busy ones."""
+
 
 @contextmanager
 def serving(settings: Settings) -> Iterator[httpx.Client]:
@@ -34,7 +37,7 @@ def serving(settings: Settings) -> Iterator[httpx.Client]:
 
 
 def wait_until_ready(client: httpx.Client) -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + COLD_START_SECONDS
     while not client.get("/readyz").is_success:
         assert time.monotonic() < deadline, "the service did not become ready"
         time.sleep(0.05)

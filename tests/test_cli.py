@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from app.settings import SHIPPED_MODELS
+from tests.serving import COLD_START_SECONDS
 
 
 def breakaway(
@@ -27,7 +28,7 @@ def breakaway(
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=COLD_START_SECONDS,
     )
 
 
@@ -101,7 +102,7 @@ def test_serve_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> 
     environment = os.environ | {"BREAKAWAY_MODEL_STORE": str(model_store)}
     with subprocess.Popen(command, cwd=tmp_path, env=environment) as server:
         try:
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + COLD_START_SECONDS
             while not _is_ready(port):
                 assert time.monotonic() < deadline
                 assert server.poll() is None

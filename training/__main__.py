@@ -24,7 +24,11 @@ log = logging.getLogger("training")
 
 def main(
     config: Annotated[
-        Path, typer.Option(help="TOML file with the whole configuration.", dir_okay=False)
+        Path,
+        typer.Option(
+            help="TOML file with a name, and what differs from the default configuration.",
+            dir_okay=False,
+        ),
     ] = DEFAULT_CONFIG,
     model_store: Annotated[
         Path, typer.Option(help="Where the finished model is published.", file_okay=False)

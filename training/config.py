@@ -1,4 +1,4 @@
-"""The training configuration: one TOML file, checked as it is read."""
+"""The training configuration: the default one, and TOML files that say what differs from it."""
 
 import tomllib
 from pathlib import Path
@@ -83,12 +83,20 @@ class TrainingConfig(_Section):
 
     @classmethod
     def read(cls, path: Path) -> "TrainingConfig":
-        """Read a TOML file.
+        """Read a TOML file: a name, and whatever differs from the default configuration.
 
         Raises:
             OSError: the file cannot be read.
             tomllib.TOMLDecodeError: it is not TOML.
-            pydantic.ValidationError: a value is missing, unknown or out of range.
+            pydantic.ValidationError: the name is missing, or a value is unknown or out of range.
         """
+        default = tomllib.loads(DEFAULT_CONFIG.read_text())
+        del default["name"]
         with path.open("rb") as file:
-            return cls.model_validate(tomllib.load(file))
+            own = tomllib.load(file)
+        sections = {
+            name: section | own[name]
+            for name, section in default.items()
+            if isinstance(section, dict) and isinstance(own.get(name), dict)
+        }
+        return cls.model_validate(default | own | sections)

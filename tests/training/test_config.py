@@ -1,4 +1,5 @@
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -137,3 +138,40 @@ def test_what_is_not_toml_or_not_there_is_refused(tmp_path: Path) -> None:
         TrainingConfig.read(tmp_path / "bad.toml")
     with pytest.raises(OSError, match="nowhere"):
         TrainingConfig.read(tmp_path / "nowhere.toml")
+
+
+def test_a_file_says_what_differs_from_the_default(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('name = "own"\n[system]\nstatic_friction = 0.8\n')
+    default, own = TrainingConfig.read(DEFAULT_CONFIG), TrainingConfig.read(tmp_path / "own.toml")
+
+    assert own.name == "own"
+    assert own.system == replace(default.system, static_friction=0.8)
+    assert own.model_copy(update={"name": default.name, "system": default.system}) == default
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[system]\nstatic_friction = 0.8\n", "name"),
+        ('name = "own"\n[systems]\nstatic_friction = 0.8\n', "systems"),
+        ('name = "own"\n[system]\nstatic = 0.8\n', "static"),
+        ('name = "own"\nsystem = 3\n', "system"),
+    ],
+)
+def test_a_file_without_a_name_or_with_unknown_keys_is_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "own.toml").write_text(text)
+
+    with pytest.raises(ValidationError, match=message):
+        TrainingConfig.read(tmp_path / "own.toml")
+
+
+def test_the_models_of_table_3_differ_in_static_friction_alone() -> None:
+    default = TrainingConfig.read(DEFAULT_CONFIG)
+    for static_friction in (0.6, 0.8):
+        config = TrainingConfig.read(
+            DEFAULT_CONFIG.with_name(f"dry-friction-fs{static_friction}.toml")
+        )
+        assert config.system == replace(default.system, static_friction=static_friction)
+        assert config.model_copy(update={"name": default.name, "system": default.system}) == default

@@ -9,9 +9,10 @@ import numpy
 import torch
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import RedirectResponse, Response
+from llvmlite.binding import get_host_cpu_name
 
 from app.api.errors import MEDIA_TYPE
-from app.api.runtime import Runtime, choose_device
+from app.api.runtime import Runtime, available_cores, choose_device
 from app.api.schemas import (
     MAX_TARGETS,
     Health,
@@ -122,6 +123,7 @@ async def info(runtime: RuntimeDependency) -> Info:
     return Info(
         name="breakaway",
         version=version("breakaway"),
+        machine=f"{platform.platform()}, {get_host_cpu_name()}, {available_cores()} cores",
         device=choose_device().type,
         network_threads=runtime.network_threads,
         libraries={

@@ -2,7 +2,14 @@
 
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    TypeAdapter,
+)
 
 from app.planning.methods import METHODS, ActionDiffusion, AnyMethod
 from app.planning.objectives import Objective
@@ -174,14 +181,18 @@ class RefinementReport(BaseModel):
     )
 
 
+Milliseconds = Annotated[float, PlainSerializer(lambda value: round(value, 3))]
+"""Sent to the microsecond: what lies below is noise."""
+
+
 class TimingReport(BaseModel):
     """Wall-clock milliseconds in the server."""
 
-    queue: float = Field(description="Waiting for a free core or for the network.")
-    propose: float
-    refine: float
-    rollout: float = Field(description="Rolling out, ranking and measuring.")
-    total: float
+    queue: Milliseconds = Field(description="Waiting for a free core or for the network.")
+    propose: Milliseconds
+    refine: Milliseconds
+    rollout: Milliseconds = Field(description="Rolling out, ranking and measuring.")
+    total: Milliseconds
 
 
 class CandidatesReport(BaseModel):
@@ -297,6 +308,7 @@ class Info(BaseModel):
 
     name: str
     version: str
+    machine: str = Field(description="Operating system, processor and usable cores.")
     device: str
     network_threads: int
     libraries: dict[str, str]

@@ -1,58 +1,215 @@
-"""An asynchronous client of the service, with typed answers from the very schemas it uses."""
+"""Clients of the service, waiting and asynchronous, with answers typed by the very schemas it uses.
 
-import asyncio
-from typing import TypeVar
+Both come back by themselves when the service is busy (429), starting or draining (503), or cannot
+be reached for a while; what it refuses otherwise is a `RequestRefused`.
+"""
+
+from collections.abc import Awaitable, Callable
+from types import TracebackType
+from typing import Self, TypeVar
 
 import httpx
-from pydantic import BaseModel
+from httpx_retries import Retry, RetryTransport
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from app.api.schemas import (
+    Health,
+    Info,
+    ModelDescription,
     MultistepPlanRequest,
     MultistepPlanResponse,
     PlanRequest,
     PlanResponse,
+    Problem,
 )
 
+PATIENCE_SECONDS = 300.0
+LONGEST_WAIT_SECONDS = 10.0
+TIMEOUT = httpx.Timeout(600.0, connect=LONGEST_WAIT_SECONDS)
+MOST_RETRIES = 1000
+
 Answer = TypeVar("Answer", bound=BaseModel)
+MODELS = TypeAdapter(list[ModelDescription])
+
+
+class RequestRefused(Exception):
+    """The service refused a request; `problem` says why, with the fields at fault if there are any.
+
+    Args:
+        problem: the service's own words.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(f"{problem.title} ({problem.status}): {problem.detail}")
+        self.problem = problem
 
 
 class PlannerClient:
-    """Asks a service for plans, a few at a time.
+    """Asks a service for plans, one after the other; closes what it opened as a context manager.
 
     Args:
-        http: where the service is.
-        concurrency: most requests under way at once.
+        url: where the service is.
+        patience_s: how long to go on asking a service that is busy, starting or away.
+        transport: what carries the requests instead of the network.
     """
 
-    def __init__(self, http: httpx.AsyncClient, concurrency: int = 2) -> None:
-        self._http = http
-        self._slots = asyncio.Semaphore(concurrency)
+    def __init__(
+        self,
+        url: str,
+        patience_s: float = PATIENCE_SECONDS,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        retrying = _retrying(transport, patience_s, _read_whole)
+        self._http = httpx.Client(base_url=url, transport=retrying, timeout=TIMEOUT)
 
-    async def plan(self, request: PlanRequest) -> PlanResponse:
+    def plan(self, request: PlanRequest) -> PlanResponse:
         """Ask `POST /plan`.
 
         Raises:
-            httpx.HTTPError: the service cannot be reached, or refuses the request.
+            RequestRefused: the service says no.
+            httpx.TransportError: it cannot be reached.
         """
-        return await self._ask("/plan", request, PlanResponse)
+        return _read(PlanResponse, self._http.post("/plan", json=request.model_dump()))
+
+    def plan_multistep(self, request: MultistepPlanRequest) -> MultistepPlanResponse:
+        """Ask `POST /plan_multistep`; errors as for `plan`."""
+        response = self._http.post("/plan_multistep", json=request.model_dump())
+        return _read(MultistepPlanResponse, response)
+
+    def models(self) -> list[ModelDescription]:
+        """List the models that the service holds; errors as for `plan`."""
+        return MODELS.validate_json(_accepted(self._http.get("/models")).content)
+
+    def info(self) -> Info:
+        """Ask what answers there; errors as for `plan`."""
+        return _read(Info, self._http.get("/info"))
+
+    def wait_until_ready(self) -> None:
+        """Return once plans can be made; errors as for `plan`, when patience runs out."""
+        _read(Health, self._http.get("/readyz"))
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class AsyncPlannerClient:
+    """The same for asynchronous code: any number of requests may be under way at once.
+
+    Args:
+        url: where the service is.
+        patience_s: how long to go on asking a service that is busy, starting or away.
+        transport: what carries the requests instead of the network.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        patience_s: float = PATIENCE_SECONDS,
+        transport: httpx.AsyncBaseTransport | None = None,
+    ) -> None:
+        retrying = _retrying(transport, patience_s, _read_whole_async)
+        self._http = httpx.AsyncClient(base_url=url, transport=retrying, timeout=TIMEOUT)
+
+    async def plan(self, request: PlanRequest) -> PlanResponse:
+        """Ask `POST /plan`; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/plan", json=request.model_dump())
+        return _read(PlanResponse, response)
 
     async def plan_multistep(self, request: MultistepPlanRequest) -> MultistepPlanResponse:
-        """Ask `POST /plan_multistep`; errors as for `plan`."""
-        return await self._ask("/plan_multistep", request, MultistepPlanResponse)
+        """Ask `POST /plan_multistep`; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/plan_multistep", json=request.model_dump())
+        return _read(MultistepPlanResponse, response)
 
-    async def wait_until_ready(self, timeout_s: float = 120.0) -> None:
-        """Ask `/readyz` until it says yes.
+    async def models(self) -> list[ModelDescription]:
+        """List the models that the service holds; errors as for `PlannerClient.plan`."""
+        return MODELS.validate_json(_accepted(await self._http.get("/models")).content)
 
-        Raises:
-            TimeoutError: it did not within `timeout_s`.
-            httpx.HTTPError: the service cannot be reached.
-        """
-        async with asyncio.timeout(timeout_s):
-            while (await self._http.get("/readyz")).status_code != httpx.codes.OK:
-                await asyncio.sleep(0.1)
+    async def info(self) -> Info:
+        """Ask what answers there; errors as for `PlannerClient.plan`."""
+        return _read(Info, await self._http.get("/info"))
 
-    async def _ask(self, path: str, request: BaseModel, kind: type[Answer]) -> Answer:
-        async with self._slots:
-            response = await self._http.post(path, json=request.model_dump())
-        response.raise_for_status()
-        return kind.model_validate_json(response.content)
+    async def wait_until_ready(self) -> None:
+        """Return once plans can be made; errors as for `PlannerClient.wait_until_ready`."""
+        _read(Health, await self._http.get("/readyz"))
+
+    async def aclose(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.aclose()
+
+
+def _retrying(
+    transport: httpx.BaseTransport | httpx.AsyncBaseTransport | None,
+    patience_s: float,
+    read_whole: Callable[[httpx.Response], Awaitable[None] | None],
+) -> RetryTransport:
+    """Wrap a transport so that it comes back; the same request with its seed may be asked twice.
+
+    An answer that takes too long is not asked for again: it would take as long once more.
+    """
+    retry = Retry(
+        total=MOST_RETRIES,
+        allowed_methods=("GET", "POST"),
+        status_forcelist=(httpx.codes.TOO_MANY_REQUESTS, httpx.codes.SERVICE_UNAVAILABLE),
+        retry_on_exceptions=(
+            httpx.ConnectTimeout,
+            httpx.NetworkError,
+            httpx.RemoteProtocolError,
+        ),
+        backoff_factor=0.1,
+        max_backoff_wait=LONGEST_WAIT_SECONDS,
+        total_timeout=patience_s,
+        validate_response=read_whole,
+    )
+    return RetryTransport(transport, retry)
+
+
+def _read_whole(response: httpx.Response) -> None:
+    """Read the body while a connection that breaks off still leads to another attempt."""
+    response.read()
+
+
+async def _read_whole_async(response: httpx.Response) -> None:
+    await response.aread()
+
+
+def _accepted(response: httpx.Response) -> httpx.Response:
+    if response.is_success:
+        return response
+    try:
+        problem = Problem.model_validate_json(response.content)
+    except ValidationError:  # not the service: a proxy, or something else at that address
+        problem = Problem(
+            type="about:blank",
+            title=response.reason_phrase,
+            status=response.status_code,
+            detail=response.text[:200],
+            instance=response.url.path,
+        )
+    raise RequestRefused(problem)
+
+
+def _read(kind: type[Answer], response: httpx.Response) -> Answer:
+    return kind.model_validate_json(_accepted(response).content)

@@ -1,9 +1,7 @@
 """The `breakaway` command."""
 
 import json
-import sys
 from contextlib import AsyncExitStack, asynccontextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -18,12 +16,13 @@ from app.settings import Settings
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    import numpy as np
-    from numpy.typing import NDArray
+    from fastapi import FastAPI
 
     from app.api.schemas import PlanResponse
-    from app.client.multistep_random import Result
-    from app.client.planner_client import PlannerClient
+    from app.client.planner_client import AsyncPlannerClient
+
+ARRIVAL_SECONDS = 30.0
+"""How long an evaluation waits for a service that it has not yet seen."""
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
@@ -42,6 +41,16 @@ def serve(context: typer.Context) -> None:
     settings = _settings(context.args)
     import uvicorn
 
+    uvicorn.run(
+        _service(settings),
+        host=settings.host,
+        port=settings.port,
+        log_level=settings.log_level,
+    )
+
+
+def _service(settings: Settings) -> "FastAPI":
+    """Return the service; if a model of its store is not in order, say so and exit."""
     from app.inference.model_store import ModelRejected, find_versions, verify
     from app.main import create_app
 
@@ -50,12 +59,7 @@ def serve(context: typer.Context) -> None:
             verify(directory)
     except ModelRejected as error:
         _fail(f"cannot serve: {error}")
-    uvicorn.run(
-        create_app(settings),
-        host=settings.host,
-        port=settings.port,
-        log_level=settings.log_level,
-    )
+    return create_app(settings)
 
 
 @app.command()
@@ -121,140 +125,90 @@ def plan(
             body = answer.model_dump_json(exclude_none=True, exclude={"candidates"}, indent=1)
             json_file.write_text(body + "\n")
         if picture:
+            import matplotlib
+
+            from app.client.evaluation.style import STYLE_FILE
             from app.client.figures import draw_plan
 
-            draw_plan(answer, request.target_state, picture)
+            with matplotlib.rc_context(fname=STYLE_FILE):
+                draw_plan(request, answer).savefig(picture, dpi=200)
     except (OSError, ValueError) as error:
         _fail(str(error))
 
 
-class Suite(StrEnum):
-    """What can be evaluated."""
-
-    MULTISTEP_RANDOM = "multistep-random"
-    LEARNED_PRIOR = "learned-prior"
-    SAMPLER_FRONTIER = "sampler-frontier"
-
-
 @app.command()
 def evaluate(
-    suite: Annotated[
-        Suite,
-        typer.Argument(
-            help="multistep-random: the paper's Table 2. learned-prior: what the learned prior "
-            "buys once every method is refined. sampler-frontier: the learned model's error "
-            "against network evaluations."
-        ),
-    ],
-    methods: Annotated[
+    names: Annotated[
         list[str] | None,
-        typer.Option(
-            "--method",
-            help="A method's name, or a JSON object with its name and options; may be repeated. "
-            "[multistep-random]",
-        ),
-    ] = None,
-    budgets: Annotated[
-        list[int] | None,
-        typer.Option("--num-candidates", "-k", help="K; may be repeated. [not learned-prior]"),
-    ] = None,
-    num_sequences: Annotated[
-        int, typer.Option("--sequences", min=1, help="Sequences. [not learned-prior]")
-    ] = 30,
-    num_runs: Annotated[
-        int, typer.Option("--runs", min=1, help="Runs of each sequence. [not learned-prior]")
-    ] = 5,
-    refine: Annotated[
-        bool, typer.Option("--refine", help="Refine every plan. [multistep-random]")
-    ] = False,
-    num_tasks: Annotated[int, typer.Option("--tasks", min=2, help="[learned-prior]")] = 500,
-    seed: Annotated[int, typer.Option(min=0, help="Decides the tasks.")] = 0,
-    picture: Annotated[
-        Path | None,
-        typer.Option(help="Draw the frontier to this file. [sampler-frontier]", dir_okay=False),
+        typer.Argument(metavar="[SUITE]...", help="What to evaluate; all suites by default."),
     ] = None,
     url: Annotated[
         str | None, typer.Option(help="A running service. [default: one in this process]")
     ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Keeps answers and report; an interrupted evaluation goes on there.",
+            file_okay=False,
+        ),
+    ] = Path("evaluation"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Sizes cut down to a minute; the numbers mean little.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Decides the tasks and all random draws.")] = 0,
+    concurrency: Annotated[
+        int,
+        typer.Option(min=1, help="Requests under way at once; with more than one, times suffer."),
+    ] = 1,
 ) -> None:
-    """Evaluate the methods on the same random tasks, the paper's numbers beside."""
+    """Redo the paper's tables and figures, and more, with the answers of a service."""
     import asyncio
 
     import httpx
 
-    async def run() -> None:
-        async with _client(url) as client:
-            if suite is Suite.LEARNED_PRIOR:
-                await _evaluate_learned_prior(client, num_tasks, seed)
-            elif suite is Suite.SAMPLER_FRONTIER:
-                await _evaluate_sampler_frontier(
-                    client, budgets or [1, 16, 128], num_sequences, num_runs, seed, picture
-                )
-            else:
-                await _evaluate_multistep_random(
-                    client,
-                    methods or ["dataset_prior", "cem", "action_diffusion"],
-                    budgets or [16, 32, 128],
-                    num_sequences,
-                    num_runs,
-                    seed,
-                    refine,
-                )
+    from app.client.evaluation.answer_log import EvaluationError
+    from app.client.evaluation.run import evaluate
+    from app.client.evaluation.suites import SUITES
+    from app.client.planner_client import RequestRefused
 
+    unknown = sorted(set(names or ()) - SUITES.keys())
+    if unknown:
+        there_are = "\n".join(f"{name:22}{suite.purpose}" for name, suite in SUITES.items())
+        _fail(f"no suite {', '.join(unknown)}; there are\n{there_are}")
+    suites = [SUITES[name](seed, quick) for name in SUITES if name in (names or SUITES)]
     try:
-        asyncio.run(run())
-    except json.JSONDecodeError as error:
-        _fail(f"--method is neither a name nor a JSON object: {error}")
-    except httpx.HTTPStatusError as error:
-        _fail(f"the service refused: {error.response.text}")
-    except (httpx.HTTPError, TimeoutError) as error:
-        _fail(f"no answer from the service: {error}")
+        report = asyncio.run(
+            evaluate(suites, lambda: _client(url), out, concurrency, Console(stderr=True))
+        )
+    except (EvaluationError, RequestRefused, OSError) as error:
+        _fail(str(error))
+    except httpx.HTTPError as error:
+        _fail(f"no answer from {url}: {error}")
     except ValidationError as error:
-        _fail(_explain(error))
+        _fail(f"not an answer of this service: {_explain(error)}")
+    except KeyboardInterrupt:
+        _fail("interrupted; the same command goes on")
+    typer.echo(report)
 
 
 @asynccontextmanager
-async def _client(url: str | None) -> "AsyncIterator[PlannerClient]":
+async def _client(url: str | None) -> "AsyncIterator[AsyncPlannerClient]":
     """Yield a client of the service at `url`, or of one in this process."""
     import httpx
     from asgi_lifespan import LifespanManager
 
-    from app.client.planner_client import PlannerClient
-    from app.main import create_app
+    from app.client.planner_client import AsyncPlannerClient
 
     async with AsyncExitStack() as stack:
         transport: httpx.AsyncBaseTransport | None = None
         if url is None:
-            service = await stack.enter_async_context(LifespanManager(create_app(_settings([]))))
+            service = await stack.enter_async_context(LifespanManager(_service(_settings([]))))
             transport = httpx.ASGITransport(service.app)
-        http = httpx.AsyncClient(
-            base_url=url or "http://in-process", transport=transport, timeout=None
-        )
-        client = PlannerClient(await stack.enter_async_context(http))
-        await client.wait_until_ready()
-        yield client
-
-
-async def _evaluate_multistep_random(
-    client: "PlannerClient",
-    methods: list[str],
-    budgets: list[int],
-    num_sequences: int,
-    num_runs: int,
-    seed: int,
-    refine: bool,
-) -> None:
-    from app.client.multistep_random import evaluate
-
-    typer.echo(
-        f"{num_sequences} sequences x {num_runs} runs, seed {seed}"
-        f"{', refined' if refine else ''}: mean ± standard deviation (the paper's mean)\n"
-    )
-    typer.echo("| method | K | mean end error | floor | final error | stuck steps | ms a plan |")
-    typer.echo("| --- | --- | --- | --- | --- | --- | --- |")
-    by_label = {_label(method): method for method in map(_method, methods)}
-    async for result in evaluate(client, by_label, budgets, num_sequences, num_runs, seed, refine):
-        typer.echo(_evaluation_row(result))
+        else:
+            async with AsyncPlannerClient(url, ARRIVAL_SECONDS) as arriving:
+                await arriving.info()
+        client = AsyncPlannerClient(url or "http://in-process", transport=transport)
+        yield await stack.enter_async_context(client)
 
 
 def _method(text: str) -> str | dict[str, Any]:
@@ -265,70 +219,6 @@ def _method(text: str) -> str | dict[str, Any]:
     """
     method: str | dict[str, Any] = json.loads(text) if text.startswith("{") else text
     return method
-
-
-def _label(method: str | dict[str, Any]) -> str:
-    """Return how a table calls a method."""
-    if isinstance(method, str):
-        return f"`{method}`"
-    options = ", ".join(f"{name} {value}" for name, value in method.items() if name != "name")
-    return f"`{method.get('name')}`, {options}"
-
-
-async def _evaluate_learned_prior(client: "PlannerClient", num_tasks: int, seed: int) -> None:
-    from app.client.learned_prior import entrants, evaluate, report
-
-    outcomes = []
-    with typer.progressbar(length=len(list(entrants())), file=sys.stderr) as bar:
-        async for outcome in evaluate(client, num_tasks, seed):
-            outcomes.append(outcome)
-            bar.update(1)
-    typer.echo(f"{num_tasks} tasks, seed {seed}\n")
-    for line in report(outcomes):
-        typer.echo(line)
-
-
-async def _evaluate_sampler_frontier(
-    client: "PlannerClient",
-    budgets: list[int],
-    num_sequences: int,
-    num_runs: int,
-    seed: int,
-    picture: Path | None,
-) -> None:
-    from app.client.sampler_frontier import MARGIN, SETTINGS, measure, report
-
-    points = []
-    with typer.progressbar(length=len(budgets) * len(SETTINGS), file=sys.stderr) as bar:
-        async for point in measure(client, budgets, num_sequences, num_runs, seed):
-            points.append(point)
-            bar.update(1)
-    typer.echo(
-        f"{num_sequences} sequences x {num_runs} runs, seed {seed}; *: may be more than {MARGIN} m "
-        "worse than the paper's setting (95 %, paired)\n"
-    )
-    for line in report(points):
-        typer.echo(line)
-    if picture:
-        from app.client.figures import draw_frontier
-
-        draw_frontier(points, picture)
-
-
-def _evaluation_row(result: "Result") -> str:
-    from app.client.multistep_random import TARGETS_PER_SEQUENCE
-
-    def spread(values: "NDArray[np.float64]", digits: int) -> str:
-        return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
-
-    paper = result.paper
-    end_error = spread(result.mean_end_errors, 3) + (f" ({paper.mean_end_error})" if paper else "")
-    stuck = spread(result.stuck_steps, 1) + (f" ({paper.stuck_steps})" if paper else "")
-    return (
-        f"| {result.label} | {result.num_candidates} | {end_error} "
-        f"| {result.mean_end_floors.mean():.3f} | {spread(result.final_errors, 3)} | {stuck} "
-        f"| {result.compute_ms.mean() / TARGETS_PER_SEQUENCE:.2f} |"
-    )
 
 
 @app.command()

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -12,9 +11,12 @@ from pathlib import Path
 
 import httpx
 import pytest
+from typer.testing import CliRunner
 
+from app import cli
+from app.client.evaluation.suites import SUITES
 from app.settings import SHIPPED_MODELS
-from tests.serving import COLD_START_SECONDS
+from tests.serving import COLD_START_SECONDS, free_port
 
 
 def breakaway(
@@ -95,9 +97,7 @@ def test_a_bad_setting_is_said(tmp_path: Path) -> None:
 
 
 def test_serve_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     command = [sys.executable, "-m", "app", "serve", "--port", str(port)]
     environment = os.environ | {"BREAKAWAY_MODEL_STORE": str(model_store)}
     with subprocess.Popen(command, cwd=tmp_path, env=environment) as server:
@@ -123,27 +123,38 @@ def _is_ready(port: int) -> bool:
         return False
 
 
-def test_evaluate_compares_with_the_paper(model_store: Path, tmp_path: Path) -> None:
-    options = ("--sequences", "2", "--runs", "1", "-k", "16", "--method", "dataset_prior")
-    done = breakaway("evaluate", "multistep-random", *options, cwd=tmp_path, store=model_store)
+def test_a_quick_evaluation_says_where_its_report_is(model_store: Path, tmp_path: Path) -> None:
+    options = ("multistep-reference", "--quick", "--out", "found")
+    done = breakaway("evaluate", *options, cwd=tmp_path, store=model_store)
     assert done.returncode == 0, done.stderr
-    row = next(line for line in done.stdout.splitlines() if "`dataset_prior`" in line)
-    assert "(0.4)" in row
-    assert "(69.9)" in row
+    assert done.stdout == "found/report.md\n"
+    assert "## A multi-step reference (Figure 4)" in (tmp_path / "found/report.md").read_text()
 
 
-def test_evaluate_takes_a_method_with_options(model_store: Path, tmp_path: Path) -> None:
-    method = '{"name": "action_diffusion", "sampler": "ddim", "steps": 2}'
-    options = ("--sequences", "2", "--runs", "1", "-k", "16", "--method", method)
-    done = breakaway("evaluate", "multistep-random", *options, cwd=tmp_path, store=model_store)
-    assert done.returncode == 0, done.stderr
-    row = next(line for line in done.stdout.splitlines() if "`action_diffusion`" in line)
-    assert row.startswith("| `action_diffusion`, sampler ddim, steps 2 | 16 |")
-    assert "(0.17)" in row
-
-
-def test_evaluate_refuses_a_method_that_is_no_json(model_store: Path, tmp_path: Path) -> None:
-    options = ("--method", '{"name": ')
-    done = breakaway("evaluate", "multistep-random", *options, cwd=tmp_path, store=model_store)
+def test_an_unknown_suite_is_named_with_those_that_there_are(tmp_path: Path) -> None:
+    done = breakaway("evaluate", "multistep-random", "annealing", cwd=tmp_path)
     assert done.returncode == 1
-    assert "--method is neither a name nor a JSON object" in done.stderr
+    assert "no suite annealing" in done.stderr
+    for name, suite in SUITES.items():
+        assert f"{name:22}{suite.purpose}\n" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_evaluation_with_a_missing_store_ends_at_once(tmp_path: Path) -> None:
+    options = ("multistep-reference", "--quick")
+    done = breakaway("evaluate", *options, cwd=tmp_path, store=Path("nowhere"))
+    assert done.returncode == 1
+    assert "nowhere is not a directory" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_evaluation_of_an_absent_service_says_so_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cli, "ARRIVAL_SECONDS", 0.1)
+    url = f"http://127.0.0.1:{free_port()}"
+    options = ("--quick", "--url", url, "--out", str(tmp_path))
+    done = CliRunner().invoke(cli.app, ["evaluate", *options])
+    assert done.exit_code == 1
+    assert isinstance(done.exception, SystemExit)
+    assert f"no answer from {url}" in done.stderr

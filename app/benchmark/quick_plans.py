@@ -5,7 +5,7 @@ from time import perf_counter
 
 import numpy as np
 
-from app.client.multistep_random import random_sequences
+from app.client.evaluation.tasks import random_sequences
 from app.inference.engine import EngineProposal
 from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan_multistep

@@ -1,0 +1,53 @@
+"""Statistics of measures over tasks: deterministic, with common random numbers in pairs."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import bootstrap, trim_mean
+
+RESAMPLES = 2000
+QUARTILE = 0.25
+TIE = 1e-6
+"""Errors that differ by no more are equal (m)."""
+
+
+class Interval(NamedTuple):
+    """An estimate with its 95 % bootstrap interval."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+def interquartile_mean(values: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
+    """Return the mean of the middle half along `axis`: sharper than a median, as robust."""
+    return np.asarray(trim_mean(values, QUARTILE, axis=axis))
+
+
+def interval(
+    values: NDArray[np.float64], statistic: Callable[..., NDArray[np.float64]] = np.mean
+) -> Interval:
+    """Return `statistic` of `values` (tasks,), and its percentile bootstrap interval over tasks."""
+    estimate = float(statistic(values, axis=-1))
+    if np.ptp(values) == 0:
+        return Interval(estimate, estimate, estimate)
+    found = bootstrap(
+        (values,),
+        statistic,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return Interval(estimate, float(found.low), float(found.high))
+
+
+def paired_difference(first: NDArray[np.float64], second: NDArray[np.float64]) -> Interval:
+    """Return the mean of first - second (both (tasks,), of the same tasks), and its interval."""
+    return interval(first - second)
+
+
+def share_won(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the share of tasks on which `first` is lower; both (tasks,), ties won by nobody."""
+    return float(np.mean(first < second - TIE))

@@ -1,0 +1,50 @@
+"""One look for all figures: colours that colour-blind readers tell apart, legible in print."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
+from app.client.evaluation import entrants
+from app.client.evaluation.question import Entrant
+
+COLUMN_INCHES = 3.4
+PAGE_INCHES = 7.0
+
+BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+PINK, SKY, YELLOW, BLACK, GREY = "#cc79a7", "#56b4e9", "#f0e442", "#000000", "#7f7f7f"
+"""The palette of Okabe and Ito."""
+
+
+class Look(NamedTuple):
+    """How figures draw an entrant."""
+
+    color: str
+    marker: str
+    line: str
+
+
+LOOKS = {
+    entrants.PAPER_DIFFUSION: Look(BLUE, "o", "-"),
+    entrants.DIFFUSION: Look(SKY, "s", "-"),
+    entrants.REFINED_DIFFUSION: Look(SKY, "D", ":"),
+    entrants.DATASET_PRIOR: Look(ORANGE, "^", "-"),
+    entrants.REFINED_PRIOR: Look(ORANGE, "v", ":"),
+    entrants.UNIFORM: Look(GREY, "x", "--"),
+    entrants.CEM: Look(RED, "P", "-"),
+    entrants.ICEM: Look(PINK, "X", "--"),
+    entrants.MPPI: Look(GREEN, "*", "--"),
+}
+
+STYLE_FILE = Path(__file__).with_name("figures.mplstyle")
+"""Fonts, lines and grid of all figures, as matplotlib reads them."""
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of this size, in inches, whose parts do not overlap."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def look(entrant: Entrant) -> Look:
+    """Return how to draw an entrant."""
+    return LOOKS[entrant]

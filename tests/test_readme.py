@@ -1,16 +1,28 @@
 """What the README shows is what a user gets."""
 
+import asyncio
 import json
 import re
+import shutil
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from app.api.schemas import PlanResponse
+from app.client import AsyncPlannerClient
+from app.client.evaluation.entrants import ENTRANTS
+from app.client.evaluation.run import evaluate
+from app.client.evaluation.suites import SUITES
+from app.client.evaluation.suites.learned_prior import REFINED_BY
+from app.client.evaluation.suites.sampler_frontier import SOLVERS
 from app.planning.methods import METHODS
 from app.settings import SHIPPED_MODELS, Settings
 from tests.serving import serving, wait_until_ready
 
+REPORT = SHIPPED_MODELS / "dry-friction-fs0.7" / "1" / "evaluation"
 README = (Path(__file__).parents[1] / "README.md").read_text()
 
 
@@ -31,6 +43,46 @@ def test_the_request_shown_gets_the_answer_shown() -> None:
 def test_every_method_is_in_the_table() -> None:
     for method in METHODS:
         assert f"| `{method().name}` |" in README
+
+
+def test_every_suite_is_in_the_table() -> None:
+    for name in SUITES:
+        assert f"| `{name}` |" in README
+
+
+def test_every_result_shown_is_the_report_s() -> None:
+    """Rows that begin with a method's or a sampler's name, or with a way of refining."""
+    report = {_cells(line) for line in (REPORT / "report.md").read_text().splitlines()}
+    first_cells = {entrant.label for entrant in ENTRANTS} | set(REFINED_BY)
+    solvers = tuple(name for name, _ in SOLVERS.values())
+    rows = [
+        cells
+        for cells in map(_cells, README.splitlines())
+        if len(cells) > 2 and (cells[0] in first_cells or cells[0].startswith(solvers))
+    ]
+    assert len(rows) > 50
+    for row in rows:
+        assert row in report
+
+
+def _cells(line: str) -> tuple[str, ...]:
+    return tuple(cell.strip() for cell in line.strip("|").split("|"))
+
+
+@pytest.mark.slow
+def test_the_report_comes_of_its_answers(tmp_path: Path) -> None:
+    shutil.copy(REPORT / "answers.jsonl.xz", tmp_path)
+
+    @asynccontextmanager
+    async def nobody() -> AsyncIterator[AsyncPlannerClient]:
+        raise AssertionError("an answer is missing")
+        yield
+
+    suites = [suite(seed=0) for suite in SUITES.values()]
+    asyncio.run(evaluate(suites, nobody, tmp_path, 1, Console(quiet=True)))
+    for file in REPORT.rglob("*"):
+        if file.suffix in {".md", ".html", ".tex", ".csv"}:
+            assert (tmp_path / file.relative_to(REPORT)).read_text() == file.read_text(), file
 
 
 def test_every_picture_shown_is_there() -> None:

@@ -59,7 +59,7 @@ class SamplerFrontier(Suite):
     @property
     def size(self) -> tuple[int, int]:
         """Return how many sequences, and how many runs of each."""
-        return (3 if self.quick else 100, 1)
+        return (3 if self.quick else 50, 1)
 
     def questions(self) -> Iterator[Question]:
         for k, setting in product(self.budgets, SETTINGS):

@@ -56,18 +56,17 @@ async def measure_rates(client: AsyncPlannerClient, *, network: bool) -> Rates:
 
     least = await seconds(_probe("uniform", 1))
     cem, refined = _probe("cem", 128), _probe("dataset_prior", 16, refine=True)
-    rates = Rates(
+    row = 0.0
+    if network:
+        learned = _probe("action_diffusion", 32)
+        rows = learned.cost.network_evaluations * learned.request.num_candidates
+        row = max(0.0, await seconds(learned) - least) / rows
+    return Rates(
         plan=least,
-        network_row=0.0,
+        network_row=row,
         rollout=max(0.0, await seconds(cem) - least) / cem.cost.rollouts,
         refinement=max(0.0, await seconds(refined) - least),
     )
-    if not network:
-        return rates
-    learned = _probe("action_diffusion", 32)
-    rows = learned.cost.network_evaluations * learned.request.num_candidates
-    row = max(0.0, await seconds(learned) - least) / rows
-    return Rates(rates.plan, row, rates.rollout, rates.refinement)
 
 
 def _probe(method: str, num_candidates: int, refine: bool = False) -> Question:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.client.evaluation.comparison import Unit, per_unit
 from app.client.evaluation.question import Entrant
 from app.client.evaluation.statistics import Interval, interval
-from app.client.evaluation.style import look
+from app.client.evaluation.style import LOOKS, Look
 
 LEAST_ERROR = 1e-6
 """Logarithmic axes show smaller errors as this (m): below lies rounding."""
@@ -54,7 +54,8 @@ def draw_over_budget(
     """
     for entrant, shift in zip(entrants, np.linspace(-DODGE, DODGE, len(entrants)), strict=True):
         found = [bars(per_unit(data, entrant, measure, unit, num_candidates=k)) for k in budgets]
-        draw_intervals(axes, entrant, np.array(budgets) * 2**shift, found)
+        positions = np.array(budgets) * 2**shift
+        draw_intervals(axes, LOOKS[entrant], entrant.label, positions, found)
     axes.set_xscale("log", base=2)
     axes.set_xticks(budgets, labels=[str(k) for k in budgets])
     axes.set_xlabel("candidates K")
@@ -65,18 +66,17 @@ def draw_over_budget(
 
 
 def draw_intervals(
-    axes: Axes, entrant: Entrant, positions: ArrayLike, found: Sequence[Interval]
+    axes: Axes, look: Look, label: str, positions: ArrayLike, found: Sequence[Interval]
 ) -> None:
-    """Draw an entrant's line: its estimates with their intervals, at `positions` along x."""
-    style = look(entrant)
+    """Draw a line of estimates `found` with their intervals, at `positions` (N,) along x."""
     middle, low, high = np.array(found).T
     axes.errorbar(
         positions,
         middle,
         yerr=np.array([middle - low, high - middle]).clip(min=0),
-        color=style.color,
-        marker=style.marker,
-        ls=style.line,
+        color=look.color,
+        marker=look.marker,
+        ls=look.line,
         elinewidth=0.7,
-        label=entrant.label,
+        label=label,
     )

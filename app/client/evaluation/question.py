@@ -8,6 +8,8 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 from app.api.schemas import MultistepPlanRequest, PlanRequest
+from app.client.evaluation.tasks import request_seed
+from app.planning.planner import plan_cost
 from app.planning.problem import Cost
 
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
@@ -34,11 +36,6 @@ class Question:
     """Whether controls, states and candidates of the answer are wanted, or its measures alone."""
 
     @property
-    def is_multistep(self) -> bool:
-        """Whether it goes to `/plan_multistep`."""
-        return isinstance(self.request, MultistepPlanRequest)
-
-    @property
     def num_plans(self) -> int:
         """How many plans the answer holds."""
         return len(self.request.targets) if isinstance(self.request, MultistepPlanRequest) else 1
@@ -47,16 +44,17 @@ class Question:
     def cost(self) -> Cost:
         """What all its plans take, refinement apart."""
         k, initial = self.request.num_candidates, self.request.initial
-        each = self.request.method.cost(k) + Cost(rollouts=k)
+        each = plan_cost(self.request.method, k)
         if initial:
             each += initial.method.cost(k)
         return Cost(self.num_plans * each.network_evaluations, self.num_plans * each.rollouts)
 
-    @cached_property
+    @property
     def body(self) -> dict[str, Any]:
         """What is asked, without labels: the same body is the same question."""
+        multistep = isinstance(self.request, MultistepPlanRequest)
         return {
-            "path": "/plan_multistep" if self.is_multistep else "/plan",
+            "path": "/plan_multistep" if multistep else "/plan",
             "trajectories": self.trajectories,
             "request": self.request.model_dump(mode="json", exclude_none=True),
         }
@@ -65,6 +63,56 @@ class Question:
     def key(self) -> str:
         """Identify the question in a log of answers."""
         return key_of(self.body)
+
+
+def question_to(
+    entrant: Entrant,
+    kind: type[AnyRequest],
+    fields: Mapping[str, Any],
+    num_candidates: int,
+    seed: int,
+    task: int,
+    run: int,
+    *,
+    labels: Mapping[str, float] | None = None,
+    trajectories: bool = False,
+) -> Question:
+    """Return what `entrant` is asked for one run of a task.
+
+    Args:
+        entrant: who plans.
+        kind: of the request.
+        fields: of the request: start, targets, and what else is not the entrant's.
+        num_candidates: K.
+        seed: of the suite; with task and run it decides the request's.
+        task: from 0.
+        run: from 0.
+        labels: more columns of the suite's data.
+        trajectories: whether controls, states and candidates of the answer are wanted, too.
+
+    Raises:
+        ValidationError: the service would refuse such a request.
+    """
+    request = kind.model_validate(
+        {
+            **entrant.fields,
+            "num_candidates": num_candidates,
+            "seed": request_seed(seed, task, run),
+            "include": [],
+            **fields,
+        }
+    )
+    return Question(
+        {
+            **(labels or {}),
+            "entrant": entrant.label,
+            "num_candidates": num_candidates,
+            "task": task,
+            "run": run,
+        },
+        request,
+        trajectories,
+    )
 
 
 def key_of(body: Mapping[str, Any]) -> str:

@@ -118,5 +118,5 @@ def _latex(table: Table) -> str:
 
 
 def _save(picture: Picture, folder: Path) -> None:
-    picture.figure.savefig(folder / f"{picture.name}.png", dpi=200)
+    picture.figure.savefig(folder / f"{picture.name}.png")
     picture.figure.savefig(folder / f"{picture.name}.pdf", metadata={"CreationDate": None})

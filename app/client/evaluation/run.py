@@ -48,23 +48,24 @@ async def evaluate(
         OSError: the folder cannot be written to.
     """
     with AnswerLog(directory) as log:
-        missing = _missing(suites, log)
+        questions = [list(suite.questions()) for suite in suites]
+        missing = _missing(questions, log)
         if any(missing):
             async with connect() as client:
                 await _complete(client, suites, missing, log, concurrency, console)
-        report = _report(suites, log, directory)
+        report = _report(suites, questions, log, directory)
         log.pack()
     return report
 
 
-def _missing(suites: Sequence[Suite], log: AnswerLog) -> list[list[Question]]:
+def _missing(questions: list[list[Question]], log: AnswerLog) -> list[list[Question]]:
     """Return each suite's questions without an answer; what two suites ask counts for the first."""
     asked: set[str] = set()
     missing = []
-    for suite in suites:
+    for of_suite in questions:
         own = {
             question.key: question
-            for question in suite.questions()
+            for question in of_suite
             if question not in log and question.key not in asked
         }
         asked |= own.keys()
@@ -119,11 +120,13 @@ def _check_models(questions: list[Question], session: Session) -> None:
             raise EvaluationError(f"the service has no model that was trained for {system}")
 
 
-def _report(suites: Sequence[Suite], log: AnswerLog, directory: Path) -> Path:
+def _report(
+    suites: Sequence[Suite], questions: list[list[Question]], log: AnswerLog, directory: Path
+) -> Path:
     sections, data = {}, {}
     with matplotlib.rc_context(fname=STYLE_FILE):
-        for suite in suites:
-            answered = [(question, log[question]) for question in suite.questions()]
+        for suite, of_suite in zip(suites, questions, strict=True):
+            answered = [(question, log[question]) for question in of_suite]
             rows = [row for question, answer in answered for row in suite.rows(question, answer)]
             data[suite.name] = pd.DataFrame(rows)
             sections[suite.name] = suite.section(data[suite.name], answered)

@@ -6,9 +6,7 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 
 from app.client.evaluation import entrants
-from app.client.evaluation.question import Entrant
 
-COLUMN_INCHES = 3.4
 PAGE_INCHES = 7.0
 
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
@@ -43,8 +41,3 @@ STYLE_FILE = Path(__file__).with_name("figures.mplstyle")
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure of this size, in inches, whose parts do not overlap."""
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def look(entrant: Entrant) -> Look:
-    """Return how to draw an entrant."""
-    return LOOKS[entrant]

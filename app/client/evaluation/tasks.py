@@ -6,6 +6,8 @@ import numpy as np
 
 State: TypeAlias = tuple[float, float]
 
+REST = (0.0, 0.0)
+"""At the origin, at rest."""
 TARGETS_PER_SEQUENCE = 3
 MAX_POSITION = 1.0
 MAX_VELOCITY = 0.5

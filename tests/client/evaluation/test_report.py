@@ -9,7 +9,7 @@ import pytest
 
 from app.client.evaluation.report import write_report
 from app.client.evaluation.section import Claim, Picture, Section, Table
-from app.client.evaluation.style import COLUMN_INCHES, STYLE_FILE, new_figure
+from app.client.evaluation.style import PAGE_INCHES, STYLE_FILE, new_figure
 from tests.client.evaluation.fakes import SHA256, session
 
 HEADINGS = ("Method", "Share_won", "Error & floor (m)")
@@ -18,7 +18,7 @@ DATA = pd.DataFrame({"entrant": ["CEM (40 it.)"] * 2, "error": [0.1, 1 / 3], "ru
 
 
 def section() -> Section:
-    figure = new_figure(COLUMN_INCHES, 2.0)
+    figure = new_figure(PAGE_INCHES, 2.0)
     axes = figure.subplots()
     axes.plot([1, 2, 4], [0.1, 0.2, 0.3], label="error ± spread")
     axes.set_xscale("log")
@@ -128,6 +128,12 @@ def test_pictures_are_written_without_the_time(tmp_path: Path, ending: str) -> N
     content = (tmp_path / "figures" / f"curve.{ending}").read_bytes()
     assert content.startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[ending])
     assert b"Date" not in content
+
+
+def test_pictures_are_sharp_enough_to_print(tmp_path: Path) -> None:
+    written(tmp_path)
+    header = (tmp_path / "figures" / "curve.png").read_bytes()[:24]
+    assert int.from_bytes(header[16:20]) == 200 * PAGE_INCHES
 
 
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from app.client.evaluation.plots import LEAST_ERROR, spread
 from app.client.evaluation.question import Entrant, Question
 from app.client.evaluation.section import Claim, Picture, Section, Table
 from app.client.evaluation.statistics import TIE, paired_difference
-from app.client.evaluation.style import PAGE_INCHES, Look, look, new_figure
+from app.client.evaluation.style import LOOKS, PAGE_INCHES, Look, new_figure
 from app.client.evaluation.suite import Answered, Suite
 from app.client.evaluation.suites.sample_budget import run_question
 
@@ -144,14 +144,14 @@ def _picture(data: pd.DataFrame, budgets: tuple[int, int]) -> Picture:
     figure = new_figure(PAGE_INCHES, 3.4)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, k in zip(panels, budgets, strict=True):
-        places = _draw(axes, data, CEM_POINTS, k, look(CEM), "CEM, 1 to 40 iterations")
+        places = _draw(axes, data, CEM_POINTS, k, LOOKS[CEM], "CEM, 1 to 40 iterations")
         for point, place in zip(CEM_POINTS, places, strict=True):
             if beside := NAMED_ITERATIONS.get(point.iterations):
                 axes.annotate(
                     str(point.iterations), place, beside, textcoords="offset points", fontsize=7
                 )
         for point in (PAPER_POINT, *OTHER_POINTS):
-            _draw(axes, data, [point], k, look(point.entrant), point.entrant.label)
+            _draw(axes, data, [point], k, LOOKS[point.entrant], point.entrant.label)
         axes.set_title(f"K = {k}")
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -28,7 +28,7 @@ from app.client.evaluation.statistics import (
     interval,
     paired_difference,
 )
-from app.client.evaluation.style import PAGE_INCHES, new_figure
+from app.client.evaluation.style import LOOKS, PAGE_INCHES, new_figure
 from app.client.evaluation.suite import Answered, Suite
 from app.client.evaluation.suites.multistep_random import sequence_questions
 from app.client.evaluation.tables import statistics_table, times_table
@@ -142,7 +142,7 @@ def _picture(data: pd.DataFrame, entrants: tuple[Entrant, ...]) -> Picture:
             interval(per_unit(data, entrant, "mean_end_error", static_friction=friction))
             for friction in FRICTIONS
         ]
-        draw_intervals(axes, entrant, np.add(FRICTIONS, shift), found)
+        draw_intervals(axes, LOOKS[entrant], entrant.label, np.add(FRICTIONS, shift), found)
     axes.set_xticks(FRICTIONS)
     axes.set_xlabel("static friction $f_s$ (m/s²)")
     axes.set_ylabel("mean end error (m)")

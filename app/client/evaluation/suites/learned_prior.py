@@ -12,6 +12,7 @@ from app.client.evaluation.answer_log import Answer
 from app.client.evaluation.cells import percent, with_interval
 from app.client.evaluation.comparison import column, per_unit, rows_of
 from app.client.evaluation.entrants import DATASET_PRIOR, DIFFUSION, UNIFORM
+from app.client.evaluation.plots import draw_intervals
 from app.client.evaluation.question import Entrant, Question
 from app.client.evaluation.section import Picture, Section, Table
 from app.client.evaluation.statistics import Interval, paired_difference
@@ -172,18 +173,10 @@ def _picture(data: pd.DataFrame) -> Picture:
     figure = new_figure(PAGE_INCHES, 2.5)
     for axes, (measure, label) in zip(figure.subplots(1, len(DRAWN)), DRAWN.items(), strict=True):
         axes.axhline(0, color=GREY, lw=0.8)
-        for place, (way, style) in enumerate(LOOKS.items()):
-            middle, low, high = np.array([_bought(data, way, k, measure) for k in BUDGETS]).T
-            axes.errorbar(
-                np.arange(len(BUDGETS)) + SHIFT * (place - 1),
-                middle,
-                yerr=np.array([middle - low, high - middle]).clip(min=0),
-                color=style.color,
-                marker=style.marker,
-                ls=style.line,
-                elinewidth=0.7,
-                label=way,
-            )
+        for place, (way, look) in enumerate(LOOKS.items()):
+            positions = np.arange(len(BUDGETS)) + SHIFT * (place - 1)
+            found = [_bought(data, way, k, measure) for k in BUDGETS]
+            draw_intervals(axes, look, way, positions, found)
         axes.set_xticks(range(len(BUDGETS)), labels=[str(k) for k in BUDGETS])
         axes.set_xlabel("candidates K")
         axes.set_ylabel(label)

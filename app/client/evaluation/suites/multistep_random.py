@@ -21,7 +21,7 @@ from app.client.evaluation.entrants import (
     PAPER_ENTRANTS,
 )
 from app.client.evaluation.plots import draw_over_budget
-from app.client.evaluation.question import Entrant, Question
+from app.client.evaluation.question import Entrant, Question, question_to
 from app.client.evaluation.section import Claim, Picture, Section, Table
 from app.client.evaluation.statistics import (
     Interval,
@@ -30,10 +30,8 @@ from app.client.evaluation.statistics import (
 from app.client.evaluation.style import PAGE_INCHES, new_figure
 from app.client.evaluation.suite import Answered, Suite
 from app.client.evaluation.tables import statistics_table
-from app.client.evaluation.tasks import TARGETS_PER_SEQUENCE, random_sequences, request_seed
+from app.client.evaluation.tasks import REST, TARGETS_PER_SEQUENCE, random_sequences
 from app.planning.system import System
-
-REST = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -101,26 +99,9 @@ def sequence_questions(
     num_sequences, num_runs = size
     sequences = random_sequences(num_sequences, seed)
     for task, run in product(range(num_sequences), range(num_runs)):
-        request = MultistepPlanRequest.model_validate(
-            {
-                **entrant.fields,
-                "initial_state": REST,
-                "targets": sequences[task],
-                "num_candidates": num_candidates,
-                "system": system,
-                "seed": request_seed(seed, task, run),
-                "include": [],
-            }
-        )
-        yield Question(
-            {
-                **labels,
-                "entrant": entrant.label,
-                "num_candidates": num_candidates,
-                "task": task,
-                "run": run,
-            },
-            request,
+        fields = {"initial_state": REST, "targets": sequences[task], "system": system}
+        yield question_to(
+            entrant, MultistepPlanRequest, fields, num_candidates, seed, task, run, labels=labels
         )
 
 

@@ -15,13 +15,12 @@ from app.client.evaluation.answer_log import Answer
 from app.client.evaluation.cells import mean_and_spread
 from app.client.evaluation.comparison import column, rows_of
 from app.client.evaluation.entrants import CEM, DATASET_PRIOR, PAPER_DIFFUSION, REFINED_DIFFUSION
-from app.client.evaluation.question import Entrant, Question
+from app.client.evaluation.question import Entrant, Question, question_to
 from app.client.evaluation.section import Claim, Picture, Section, Table
-from app.client.evaluation.style import BLACK, PAGE_INCHES, look, new_figure
+from app.client.evaluation.style import BLACK, LOOKS, PAGE_INCHES, new_figure
 from app.client.evaluation.suite import Answered, Row, Suite
-from app.client.evaluation.suites.sample_budget import REST
 from app.client.evaluation.tables import times_table
-from app.client.evaluation.tasks import request_seed
+from app.client.evaluation.tasks import REST
 from app.client.figures import draw_controls, draw_stiction_band
 from app.planning.system import System
 
@@ -58,21 +57,10 @@ class MultistepReference(Suite):
         return 2 if self.quick else 5
 
     def questions(self) -> Iterator[Question]:
+        fields = {"initial_state": REST, "targets": TARGETS, "include": ["states"]}
         for k, entrant, run in product(self.budgets, COMPARED, range(self.runs)):
-            request = MultistepPlanRequest.model_validate(
-                {
-                    **entrant.fields,
-                    "initial_state": REST,
-                    "targets": TARGETS,
-                    "num_candidates": k,
-                    "seed": request_seed(self.seed, 0, run),
-                    "include": ["states"],
-                }
-            )
-            yield Question(
-                {"entrant": entrant.label, "num_candidates": k, "task": 0, "run": run},
-                request,
-                trajectories=True,
+            yield question_to(
+                entrant, MultistepPlanRequest, fields, k, self.seed, 0, run, trajectories=True
             )
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
@@ -155,7 +143,7 @@ def _picture(plans: Plans) -> Picture:
     panels = figure.subplots(2 * len(budgets), len(COMPARED), sharex=True, sharey="row")
     for (row, k), (place, entrant) in product(enumerate(budgets), enumerate(COMPARED)):
         position_axes, control_axes = panels[2 * row : 2 * row + 2, place]
-        _draw(position_axes, control_axes, plans[k, entrant], look(entrant).color)
+        _draw(position_axes, control_axes, plans[k, entrant], LOOKS[entrant].color)
         if place == 0:
             position_axes.set_ylabel(f"K = {k}\nposition (m)")
             control_axes.set_ylabel(f"K = {k}\ncontrol (m/s²)")

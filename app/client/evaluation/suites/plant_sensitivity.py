@@ -18,7 +18,7 @@ from app.client.evaluation.plots import draw_intervals
 from app.client.evaluation.question import Entrant, Question
 from app.client.evaluation.section import Picture, Section, Table
 from app.client.evaluation.statistics import interval, paired_difference
-from app.client.evaluation.style import PAGE_INCHES, new_figure
+from app.client.evaluation.style import LOOKS, PAGE_INCHES, new_figure
 from app.client.evaluation.suite import Answered, Row, Suite
 from app.client.evaluation.suites.random_targets import transition_questions
 from app.planning.metrics import terminal_error
@@ -230,7 +230,7 @@ def _picture(data: pd.DataFrame) -> Picture:
     for axes, parameter in zip(panels.flat, PARAMETERS, strict=True):
         for entrant, shift in zip(ENTRANTS, shifts, strict=True):
             found = [interval(_executed(data, entrant, parameter, change)) for change in changes]
-            draw_intervals(axes, entrant, np.add(changes, shift), found)
+            draw_intervals(axes, LOOKS[entrant], entrant.label, np.add(changes, shift), found)
         axes.set_xticks(changes)
         axes.set_title(parameter.replace("_", " ").capitalize())
     for axes in panels[-1]:

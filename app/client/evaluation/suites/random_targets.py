@@ -13,17 +13,12 @@ from app.client.evaluation.cells import mean_and_spread, percent
 from app.client.evaluation.comparison import column, per_unit, rows_of, wins
 from app.client.evaluation.entrants import ENTRANTS
 from app.client.evaluation.plots import LEAST_ERROR
-from app.client.evaluation.question import Entrant, Question
+from app.client.evaluation.question import Entrant, Question, question_to
 from app.client.evaluation.section import Picture, Section, Table
-from app.client.evaluation.style import PAGE_INCHES, look, new_figure
+from app.client.evaluation.style import LOOKS, PAGE_INCHES, new_figure
 from app.client.evaluation.suite import Answered, Suite
 from app.client.evaluation.tables import statistics_table, times_table
-from app.client.evaluation.tasks import (
-    MAX_POSITION,
-    MAX_VELOCITY,
-    random_transitions,
-    request_seed,
-)
+from app.client.evaluation.tasks import MAX_POSITION, MAX_VELOCITY, random_transitions
 
 SUCCESSES = (0.01, 0.05, 0.1)
 """Errors, or gaps, that count as success, m."""
@@ -108,25 +103,9 @@ def transition_questions(
         trajectories: whether the controls are wanted, too.
     """
     for task, (start, target) in enumerate(random_transitions(num_tasks, seed)):
-        request = PlanRequest.model_validate(
-            {
-                **entrant.fields,
-                "initial_state": start,
-                "target_state": target,
-                "num_candidates": num_candidates,
-                "seed": request_seed(seed, task, run=0),
-                "include": [],
-            }
-        )
-        yield Question(
-            {
-                "entrant": entrant.label,
-                "num_candidates": num_candidates,
-                "task": task,
-                "run": 0,
-            },
-            request,
-            trajectories,
+        fields = {"initial_state": start, "target_state": target}
+        yield question_to(
+            entrant, PlanRequest, fields, num_candidates, seed, task, 0, trajectories=trajectories
         )
 
 
@@ -188,8 +167,8 @@ def _picture(data: pd.DataFrame, budgets: tuple[int, ...]) -> Picture:
                 np.arange(1, len(gaps) + 1) / len(gaps),
                 [*gaps, max(gaps[-1], LARGEST_GAP)],
                 baseline=None,
-                color=look(entrant).color,
-                ls=look(entrant).line,
+                color=LOOKS[entrant].color,
+                ls=LOOKS[entrant].line,
                 label=entrant.label,
             )
         axes.set_xscale("log")

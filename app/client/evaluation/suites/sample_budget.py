@@ -20,7 +20,7 @@ from app.client.evaluation.entrants import (
     UNIFORM,
 )
 from app.client.evaluation.plots import LEAST_ERROR, draw_over_budget, spread
-from app.client.evaluation.question import Entrant, Question
+from app.client.evaluation.question import Entrant, Question, question_to
 from app.client.evaluation.section import Claim, Picture, Section, Table
 from app.client.evaluation.statistics import (
     TIE,
@@ -31,9 +31,8 @@ from app.client.evaluation.statistics import (
 from app.client.evaluation.style import PAGE_INCHES, new_figure
 from app.client.evaluation.suite import Answered, Suite
 from app.client.evaluation.tables import statistics_table, times_table
-from app.client.evaluation.tasks import State, request_seed
+from app.client.evaluation.tasks import REST, State
 
-REST = (0.0, 0.0)
 TARGET = (0.2, 0.0)
 SUCCESS = 0.01
 """Plans that end within this distance of the target succeed (m)."""
@@ -107,26 +106,8 @@ def run_question(
         num_candidates: K.
         labels: more columns of the suite's data.
     """
-    request = PlanRequest.model_validate(
-        {
-            **entrant.fields,
-            "initial_state": REST,
-            "target_state": target,
-            "num_candidates": num_candidates,
-            "seed": request_seed(seed, 0, run),
-            "include": [],
-        }
-    )
-    return Question(
-        {
-            **labels,
-            "entrant": entrant.label,
-            "num_candidates": num_candidates,
-            "task": 0,
-            "run": run,
-        },
-        request,
-    )
+    fields = {"initial_state": REST, "target_state": target}
+    return question_to(entrant, PlanRequest, fields, num_candidates, seed, 0, run, labels=labels)
 
 
 def _measures(data: pd.DataFrame, budgets: tuple[int, ...]) -> Table:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from app.api.schemas import PlanRequest, PlanResponse
 from app.client.evaluation.cells import percent
 from app.client.evaluation.entrants import PAPER_DIFFUSION
-from app.client.evaluation.question import Question
+from app.client.evaluation.question import Question, question_to
 from app.client.evaluation.section import Claim, Picture, Section, Table
 from app.client.evaluation.suite import Answered, Suite
-from app.client.evaluation.suites.sample_budget import REST, TARGET
-from app.client.evaluation.tasks import request_seed
+from app.client.evaluation.suites.sample_budget import TARGET
+from app.client.evaluation.tasks import REST
 from app.client.figures import draw_plan
 
 DISTANCES = (0.01, 0.05, 0.1)
@@ -33,34 +33,16 @@ class SingleTarget(Suite):
     name: ClassVar[str] = "single-target"
     purpose: ClassVar[str] = "Figure 1: one plan, 0.2 m from rest to rest, its 512 candidates"
 
-    @property
-    def request(self) -> PlanRequest:
-        """The only one."""
-        return PlanRequest.model_validate(
-            {
-                **PAPER_DIFFUSION.fields,
-                "initial_state": REST,
-                "target_state": TARGET,
-                "num_candidates": 32 if self.quick else 512,
-                "seed": request_seed(self.seed, 0, 0),
-                "include": ["candidates"],
-            }
-        )
-
     def questions(self) -> Iterator[Question]:
-        yield Question(
-            {
-                "entrant": PAPER_DIFFUSION.label,
-                "num_candidates": self.request.num_candidates,
-                "task": 0,
-                "run": 0,
-            },
-            self.request,
-            trajectories=True,
+        k = 32 if self.quick else 512
+        fields = {"initial_state": REST, "target_state": TARGET, "include": ["candidates"]}
+        yield question_to(
+            PAPER_DIFFUSION, PlanRequest, fields, k, self.seed, 0, 0, trajectories=True
         )
 
     def section(self, data: pd.DataFrame, answered: Answered) -> Section:
-        ((_, answer),) = answered
+        ((question, answer),) = answered
+        assert isinstance(question.request, PlanRequest)
         plan = PlanResponse.model_validate(answer.content)
         errors = np.array(answer.content["candidates"]["terminal_errors"])
         return Section(
@@ -77,7 +59,7 @@ class SingleTarget(Suite):
                     f"A plan of {PAPER_DIFFUSION.label} from rest to {TARGET[0]:g} m, and the "
                     f"{len(errors)} candidates that it is selected from. Inside the grey band a "
                     "push is too weak to start the mass.",
-                    draw_plan(self.request, plan),
+                    draw_plan(question.request, plan),
                 ),
             ),
             claims=(_concentration(errors), _threshold_crossing(plan)),

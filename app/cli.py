@@ -1,7 +1,7 @@
 """The `breakaway` command."""
 
 import json
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -38,28 +38,31 @@ def breakaway() -> None:
 )
 def serve(context: typer.Context) -> None:
     """Serve plans over HTTP (`breakaway serve --help` lists the settings)."""
-    settings = _settings(context.args)
-    import uvicorn
+    from app.memory import use_few_arenas
 
-    uvicorn.run(
-        _service(settings),
-        host=settings.host,
-        port=settings.port,
-        log_level=settings.log_level,
-    )
+    use_few_arenas()
+    settings = _settings(context.args)
+    service = _service(settings)
+    from app.logs import log_as_json
+    from app.server import Server
+
+    log_as_json(settings.log_level)
+    with suppress(KeyboardInterrupt):
+        Server(service, settings).run()
 
 
 def _service(settings: Settings) -> "FastAPI":
-    """Return the service; if a model of its store is not in order, say so and exit."""
+    """Return the service; if a model of its store or an API key is not in order, exit saying so."""
+    from app.api.keys import KeysRejected
     from app.inference.model_store import ModelRejected, find_versions, verify
     from app.main import create_app
 
     try:
         for directory in find_versions(settings.model_store):
             verify(directory)
-    except ModelRejected as error:
+        return create_app(settings)
+    except (ModelRejected, KeysRejected) as error:
         _fail(f"cannot serve: {error}")
-    return create_app(settings)
 
 
 @app.command()
@@ -92,8 +95,10 @@ def plan(
 ) -> None:
     """Make one plan in this process, without a server, and print its measures."""
     from app.api.errors import InvalidField
-    from app.api.runtime import available_cores, start_service
+    from app.api.rates import Rates
+    from app.api.runtime import available_cores, load_models
     from app.api.schemas import PlanRequest
+    from app.api.service import PlanningService
     from app.inference.engine import Engine
     from app.inference.model_store import ModelRejected
 
@@ -111,8 +116,10 @@ def plan(
                 "include": ["states", "candidates"],
             }
         )
+        settings = _settings([])
         engine = Engine(available_cores())
-        answer = start_service(_settings([]), engine).plan(request)
+        service = PlanningService(settings, load_models(settings, engine), engine, Rates())
+        answer = service.plan(service.resolve(request))
     except json.JSONDecodeError as error:
         _fail(f"--method is neither a name nor a JSON object: {error}")
     except ValidationError as error:
@@ -131,7 +138,7 @@ def plan(
             from app.client.figures import draw_plan
 
             with matplotlib.rc_context(fname=STYLE_FILE):
-                draw_plan(request, answer).savefig(picture, dpi=200)
+                draw_plan(request, answer).savefig(picture)
     except (OSError, ValueError) as error:
         _fail(str(error))
 
@@ -144,6 +151,10 @@ def evaluate(
     ] = None,
     url: Annotated[
         str | None, typer.Option(help="A running service. [default: one in this process]")
+    ] = None,
+    api_key: Annotated[
+        str | None,
+        typer.Option(envvar="BREAKAWAY_API_KEY", help="For a service that asks for one."),
     ] = None,
     out: Annotated[
         Path,
@@ -178,7 +189,7 @@ def evaluate(
     suites = [SUITES[name](seed, quick) for name in SUITES if name in (names or SUITES)]
     try:
         report = asyncio.run(
-            evaluate(suites, lambda: _client(url), out, concurrency, Console(stderr=True))
+            evaluate(suites, lambda: _client(url, api_key), out, concurrency, Console(stderr=True))
         )
     except (EvaluationError, RequestRefused, OSError) as error:
         _fail(str(error))
@@ -192,7 +203,7 @@ def evaluate(
 
 
 @asynccontextmanager
-async def _client(url: str | None) -> "AsyncIterator[AsyncPlannerClient]":
+async def _client(url: str | None, api_key: str | None) -> "AsyncIterator[AsyncPlannerClient]":
     """Yield a client of the service at `url`, or of one in this process."""
     import httpx
     from asgi_lifespan import LifespanManager
@@ -202,12 +213,16 @@ async def _client(url: str | None) -> "AsyncIterator[AsyncPlannerClient]":
     async with AsyncExitStack() as stack:
         transport: httpx.AsyncBaseTransport | None = None
         if url is None:
-            service = await stack.enter_async_context(LifespanManager(_service(_settings([]))))
+            open_to_us = {"api_keys": None, "api_keys_file": None}
+            app = _service(_settings([]).model_copy(update=open_to_us))
+            service = await stack.enter_async_context(LifespanManager(app))
             transport = httpx.ASGITransport(service.app)
         else:
-            async with AsyncPlannerClient(url, ARRIVAL_SECONDS) as arriving:
+            async with AsyncPlannerClient(url, ARRIVAL_SECONDS, api_key=api_key) as arriving:
                 await arriving.info()
-        client = AsyncPlannerClient(url or "http://in-process", transport=transport)
+        client = AsyncPlannerClient(
+            url or "http://in-process", transport=transport, api_key=api_key
+        )
         yield await stack.enter_async_context(client)
 
 

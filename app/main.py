@@ -6,26 +6,49 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Any
 
+from asgi_correlation_id import CorrelationIdMiddleware
 from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
+from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
 
+from app.api.documentation import document_middleware
 from app.api.errors import install_error_handlers
-from app.api.middleware import BodyLimit
-from app.api.routes import router
+from app.api.keys import ApiKeys, read_keys
+from app.api.metrics import Metrics
+from app.api.middleware import BodyLimit, HeadAsGet
+from app.api.routes import admin_router, router
 from app.api.runtime import Runtime
+from app.api.telemetry import Telemetry, is_request_id
+from app.inference.engine import Tick
+from app.inference.shares import Share, half_least_half_urgent
 from app.settings import Settings
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """Return the service; it starts to load its models when its lifespan begins."""
+def create_app(settings: Settings, share: Share = half_least_half_urgent) -> FastAPI:
+    """Return the service; it starts to load its models when its lifespan begins.
+
+    Args:
+        settings: of the service.
+        share: says whose rows go through the network next.
+
+    Raises:
+        KeysRejected: the API keys that the settings name cannot be used.
+    """
+    metrics = Metrics()
+    keys = read_keys(settings)
+
+    def watch(tick: Tick) -> None:
+        metrics.observe_tick(tick.model.label, tick.rows, tick.seconds)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[dict[str, Any]]:
-        runtime = Runtime(settings)
+        runtime = Runtime(settings, watch, share)
         start = asyncio.create_task(runtime.start())
-        yield {"runtime": runtime}
+        yield {"runtime": runtime, "metrics": metrics}
         await start
-        runtime.stop()
+        await runtime.drain()
+        runtime.close()
 
     app = FastAPIOffline(
         title="Breakaway",
@@ -33,8 +56,36 @@ def create_app(settings: Settings) -> FastAPI:
         version=version("breakaway"),
         lifespan=lifespan,
         redoc_url=None,
+        middleware=_middleware(settings, metrics, keys),
     )
     install_error_handlers(app)
-    app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes)
     app.include_router(router)
+    if settings.admin:
+        app.include_router(admin_router)
+    document_middleware(app, settings.public_paths if keys else None)
     return app
+
+
+def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list[Middleware]:
+    """Return what each request passes on its way to the routes, from the outside in."""
+    passed = [
+        Middleware(CorrelationIdMiddleware, validator=is_request_id),
+        Middleware(Telemetry, metrics=metrics),
+    ]
+    if settings.cors_origins:  # outside the keys: a browser's preflight brings none
+        passed.append(
+            Middleware(
+                CORSMiddleware,
+                allow_origins=settings.cors_origins,
+                allow_methods=["GET", "POST"],
+                allow_headers=["Authorization", "Content-Type", "X-Request-ID"],
+                expose_headers=["X-Request-ID", "Server-Timing", "Retry-After"],
+            )
+        )
+    if keys:
+        passed.append(Middleware(ApiKeys, digests=keys, public_paths=settings.public_paths))
+    return [
+        *passed,
+        Middleware(HeadAsGet),
+        Middleware(BodyLimit, max_bytes=settings.max_body_bytes, timeout_s=settings.body_timeout_s),
+    ]

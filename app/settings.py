@@ -1,13 +1,36 @@
 """The service's settings: every flag of `breakaway serve` has a BREAKAWAY_* twin."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import Field, PositiveInt
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    SecretStr,
+    StringConstraints,
+)
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 SHIPPED_MODELS = Path(__file__).resolve().parents[1] / "model_store"
 """Installed beside the package, so that the shipped models are found from any directory."""
+
+T = TypeVar("T")
+Listed = Annotated[
+    tuple[T, ...],
+    NoDecode,
+    BeforeValidator(
+        lambda value: (
+            [part for text in value.split(",") if (part := text.strip())]
+            if isinstance(value, str)
+            else value
+        )
+    ),
+]
+"""Separated by commas in the environment; as a flag, it may also be repeated."""
+Origin = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9+.-]*://[^/*\s]+$")]
+PublicPath = Annotated[str, StringConstraints(pattern=r"^/")]
 
 
 class Settings(BaseSettings):
@@ -19,6 +42,7 @@ class Settings(BaseSettings):
         cli_kebab_case=True,
         cli_avoid_json=True,
         cli_hide_none_type=True,
+        cli_implicit_flags=True,
     )
 
     host: str = Field("127.0.0.1", description="Address to listen on.")
@@ -26,6 +50,30 @@ class Settings(BaseSettings):
     model_store: Path = Field(SHIPPED_MODELS, description="Folder of the models.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least severe messages to log."
+    )
+    api_keys: SecretStr | None = Field(
+        None,
+        description="Keys that clients need, separated by commas; without any, the service is "
+        "open. Rather in the environment or a file: others on the machine can read flags.",
+    )
+    api_keys_file: Path | None = Field(
+        None, description="File with more such keys, one on each line; # begins a comment line."
+    )
+    public_paths: Listed[PublicPath] = Field(
+        ("/livez", "/readyz"),
+        description="Paths that need no key; /folder/* stands for all below it.",
+    )
+    cors_origins: Listed[Origin] = Field(
+        (), description="Origins whose web pages may use the service, like https://example.org."
+    )
+    header_timeout_s: PositiveFloat = Field(
+        10.0, description="Longest time until a request's head is complete, in seconds."
+    )
+    body_timeout_s: PositiveFloat = Field(
+        30.0, description="Longest time from a request's head to the end of its body, in seconds."
+    )
+    idle_timeout_s: PositiveInt = Field(
+        75, description="How long a connection is kept between requests, in seconds."
     )
     max_body_bytes: PositiveInt = Field(65_536, description="Largest request body.")
     max_candidates: PositiveInt = Field(4096, description="Largest K of a request.")
@@ -49,5 +97,19 @@ class Settings(BaseSettings):
         1_000_000, description="Most numbers of candidates that a request may ask to be sent."
     )
     max_pending: PositiveInt = Field(
-        64, description="Most requests at work or waiting; more are answered 429."
+        256, description="Most requests at work or waiting; more are answered 429."
+    )
+    max_pending_rows: PositiveInt = Field(
+        2_000_000, description="Most rows through the network that all of them together still need."
+    )
+    max_pending_rollout_steps: PositiveInt = Field(
+        4_000_000_000, description="Most time steps that all of them together simulate."
+    )
+    max_deadline_ms: PositiveInt = Field(
+        300_000,
+        description="Longest deadline of a request, and that of one that names none, in "
+        "milliseconds; what cannot be done by then is refused with 429.",
+    )
+    admin: bool = Field(
+        False, description="Open POST /admin/reload, which loads what is new in the model store."
     )

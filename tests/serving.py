@@ -3,14 +3,14 @@
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import httpx
-import uvicorn
 from starlette.types import ASGIApp
 
 from app.main import create_app
+from app.server import Server
 from app.settings import Settings
 
 COLD_START_SECONDS = 300
@@ -20,17 +20,18 @@ COLD_START_SECONDS = 300
 @contextmanager
 def serving(settings: Settings) -> Iterator[httpx.Client]:
     """Serve over a free port; yield a client of it."""
-    with running(create_app(settings)) as url, httpx.Client(base_url=url, timeout=60) as client:
+    app = create_app(settings)
+    with running(app, settings=settings) as url, httpx.Client(base_url=url, timeout=60) as client:
         yield client
 
 
 @contextmanager
-def running(app: ASGIApp, port: int = 0) -> Iterator[str]:
+def running(app: ASGIApp, port: int = 0, settings: Settings | None = None) -> Iterator[str]:
     """Run `app` on a port, a free one by default; yield its URL."""
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(("127.0.0.1", port))
-        server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))
+        server = Server(app, settings or Settings())
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
@@ -51,7 +52,11 @@ def free_port() -> int:
 
 
 def wait_until_ready(client: httpx.Client) -> None:
+    wait_until(lambda: client.get("/readyz").is_success)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + COLD_START_SECONDS
-    while not client.get("/readyz").is_success:
-        assert time.monotonic() < deadline, "the service did not become ready"
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come about"
         time.sleep(0.05)

@@ -1,5 +1,6 @@
 """The `breakaway` command, as a user runs it: another process, another directory."""
 
+import asyncio
 import json
 import os
 import shutil
@@ -15,8 +16,9 @@ from typer.testing import CliRunner
 
 from app import cli
 from app.client.evaluation.suites import SUITES
-from app.settings import SHIPPED_MODELS
-from tests.serving import COLD_START_SECONDS, free_port
+from app.main import create_app
+from app.settings import SHIPPED_MODELS, Settings
+from tests.serving import COLD_START_SECONDS, free_port, running
 
 
 def breakaway(
@@ -96,11 +98,25 @@ def test_a_bad_setting_is_said(tmp_path: Path) -> None:
     assert "port" in done.stderr
 
 
+def test_keys_that_cannot_be_used_are_said(tmp_path: Path, model_store: Path) -> None:
+    for file, complaint in (("nowhere", "cannot read"), ("keys", "holds no key")):
+        (tmp_path / "keys").touch()
+        options = ("--model-store", str(model_store), "--api-keys-file", str(tmp_path / file))
+        done = CliRunner().invoke(cli.app, ["serve", *options])
+        assert done.exit_code == 1
+        assert isinstance(done.exception, SystemExit)
+        assert complaint in done.stderr
+        assert str(tmp_path / file) in done.stderr
+
+
 def test_serve_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> None:
     port = free_port()
     command = [sys.executable, "-m", "app", "serve", "--port", str(port)]
     environment = os.environ | {"BREAKAWAY_MODEL_STORE": str(model_store)}
-    with subprocess.Popen(command, cwd=tmp_path, env=environment) as server:
+    with (
+        (tmp_path / "log").open("w") as log,
+        subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=log) as server,
+    ):
         try:
             deadline = time.monotonic() + COLD_START_SECONDS
             while not _is_ready(port):
@@ -114,6 +130,10 @@ def test_serve_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> 
         finally:
             server.send_signal(signal.SIGTERM)
         assert server.wait(timeout=30) in (0, -signal.SIGTERM)
+    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    (planned,) = [line for line in lines if line.get("path") == "/plan"]
+    assert planned["logger"] == "breakaway.access"
+    assert planned["status"] == 200
 
 
 def _is_ready(port: int) -> bool:
@@ -146,6 +166,21 @@ def test_an_evaluation_with_a_missing_store_ends_at_once(tmp_path: Path) -> None
     assert done.returncode == 1
     assert "nowhere is not a directory" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_an_evaluation_brings_its_key(tmp_path: Path) -> None:
+    key = "first-key-0123456789"
+
+    async def name_of_service() -> str:
+        async with cli._client(url, key) as client:
+            return (await client.info()).name
+
+    with running(create_app(Settings(model_store=tmp_path, api_keys=key))) as url:
+        assert asyncio.run(name_of_service()) == "breakaway"
+        options = ["evaluate", "--quick", "--url", url, "--out", str(tmp_path / "found")]
+        wrong = CliRunner().invoke(cli.app, options, env={"BREAKAWAY_API_KEY": key + "x"})
+    assert wrong.exit_code == 1
+    assert "Unauthorized (401)" in wrong.stderr
 
 
 def test_an_evaluation_of_an_absent_service_says_so_soon(

@@ -1,25 +1,25 @@
 """Errors as RFC 9457 problem+json: what can go wrong, and how each is told to the client."""
 
-import logging
 import math
 from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any
 
+from asgi_correlation_id import correlation_id
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
+from app.api.admission import Refused
 from app.api.schemas import FieldError, Problem
+from app.api.workers import ClientGone, DeadlineExceeded, ShuttingDown
 from app.inference.model_store import UnfitModel, UnknownModel
 from app.inference.samplers import InvalidStepCount
 from app.planning.problem import PlanningError
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"
-
-log = logging.getLogger(__name__)
 
 
 class InvalidField(Exception):
@@ -28,10 +28,6 @@ class InvalidField(Exception):
     def __init__(self, pointer: str, detail: str) -> None:
         super().__init__(detail)
         self.pointer = pointer
-
-
-class Busy(Exception):
-    """The queue is full."""
 
 
 class NotReady(Exception):
@@ -83,20 +79,11 @@ def install_error_handlers(app: FastAPI) -> None:
         UnknownModel,
         lambda r, e: problem_response(r, 404, str(e), slug="unknown-model", title="Unknown model"),
     )
-    _install(
-        app,
-        Busy,
-        lambda r, e: problem_response(
-            r, 429, str(e), slug="busy", headers={"Retry-After": RETRY_AFTER_SECONDS}
-        ),
-    )
-    _install(
-        app,
-        NotReady,
-        lambda r, e: problem_response(
-            r, 503, str(e), slug="not-ready", headers={"Retry-After": RETRY_AFTER_SECONDS}
-        ),
-    )
+    _install(app, Refused, _refused)
+    _install(app, NotReady, _unavailable)
+    _install(app, ShuttingDown, _unavailable)
+    _install(app, DeadlineExceeded, _deadline_exceeded)
+    _install(app, ClientGone, _client_gone)
     _install(
         app,
         PlanningError,
@@ -119,6 +106,31 @@ def _one_field(request: Request, pointer: str, error: Exception) -> Response:
     return field_problem(request, [FieldError(pointer=pointer, detail=str(error))])
 
 
+def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, Refused)
+    request.state.log_fields["rejected"] = error.reason
+    headers = {"Retry-After": str(error.retry_after_s)}
+    return problem_response(request, 429, str(error), slug="busy", headers=headers)
+
+
+def _unavailable(request: Request, error: Exception) -> Response:
+    if request.method == "POST":  # a plan, and not a probe
+        request.state.log_fields["rejected"] = "not_ready"
+    headers = {"Retry-After": RETRY_AFTER_SECONDS}
+    return problem_response(request, 503, str(error), slug="not-ready", headers=headers)
+
+
+def _deadline_exceeded(request: Request, error: Exception) -> Response:
+    request.state.log_fields["rejected"] = "deadline_exceeded"
+    return problem_response(request, 504, str(error), slug="deadline-exceeded")
+
+
+def _client_gone(request: Request, error: Exception) -> Response:
+    """Answer to nobody; the status, which others use for it too, is for log and metrics."""
+    request.state.log_fields["rejected"] = "client_gone"
+    return problem_response(request, 499, str(error), title="Client gone")
+
+
 async def _invalid_field(request: Request, error: Exception) -> Response:
     assert isinstance(error, InvalidField)
     return _one_field(request, error.pointer, error)
@@ -130,9 +142,12 @@ async def _http_error(request: Request, error: Exception) -> Response:
     return problem_response(request, error.status_code, str(error.detail), headers=headers)
 
 
-async def _unexpected(request: Request, error: Exception) -> Response:
-    log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-    return problem_response(request, 500, "an unexpected error; the server's log tells more")
+async def _unexpected(request: Request, _: Exception) -> Response:
+    # Answered outside of the middleware that puts the id into every other answer, and followed by
+    # the connection's end, because uvicorn sees the error, too.
+    headers = {"X-Request-ID": correlation_id.get() or "", "Connection": "close"}
+    detail = "an unexpected error; the server's log tells more"  # uvicorn logs it
+    return problem_response(request, 500, detail, headers=headers)
 
 
 async def _invalid_request(request: Request, error: Exception) -> Response:

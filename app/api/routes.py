@@ -1,14 +1,15 @@
 """The routes: each reads a request, hands it on, and answers."""
 
 import platform
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import numba
 import numpy
 import torch
-from fastapi import APIRouter, Depends, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi import APIRouter, Depends, HTTPException, Request
+from fastapi.responses import PlainTextResponse, RedirectResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
 from app.api.errors import MEDIA_TYPE
@@ -25,13 +26,16 @@ from app.api.schemas import (
     PlanRequest,
     PlanResponse,
     Problem,
+    TimingReport,
     describe_methods,
 )
-from app.api.service import PlanningService
-from app.inference.model_store import Model
+from app.api.service import PlanningService, R, Task
+from app.inference.model_store import Model, ModelRejected
 from app.planning.system import System
 
 router = APIRouter()
+admin_router = APIRouter()
+"""Open only where the settings say so."""
 
 # Dependencies are coroutines: plain functions would each take a trip through a thread.
 
@@ -69,22 +73,21 @@ PLAN_PROBLEMS = _problems(
     (404, "No such model."),
     (413, "The body is too large."),
     (422, "A field is invalid, too large, or does not fit the model."),
-    (429, "The queue is full; Retry-After says when to come back."),
+    (429, "Too much to do, or no time for it; Retry-After says when to come back."),
     (500, "Planning failed."),
     NOT_READY,
+    (504, "The deadline has passed."),
 )
 
 
 @router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])
 async def plan(
-    request: PlanRequest, service: ServiceDependency, runtime: RuntimeDependency
+    body: PlanRequest, request: Request, service: ServiceDependency, runtime: RuntimeDependency
 ) -> Response:
     """Plan a control sequence from a start to a target."""
-
-    def answer(waited_ms: float) -> str:
-        return service.plan(request, waited_ms).model_dump_json(exclude_none=True)
-
-    return _json(await runtime.workers.run(answer, needs_network=service.needs_network(request)))
+    return await _answer(
+        request, runtime, service.resolve(body, request.state.arrived), service.plan
+    )
 
 
 @router.post(
@@ -94,14 +97,43 @@ async def plan(
     tags=["planning"],
 )
 async def plan_multistep(
-    request: MultistepPlanRequest, service: ServiceDependency, runtime: RuntimeDependency
+    body: MultistepPlanRequest,
+    request: Request,
+    service: ServiceDependency,
+    runtime: RuntimeDependency,
 ) -> Response:
     """Plan to several targets, each from the state that the plan before it reached."""
+    return await _answer(
+        request, runtime, service.resolve(body, request.state.arrived), service.plan_multistep
+    )
 
-    def answer(waited_ms: float) -> str:
-        return service.plan_multistep(request, waited_ms).model_dump_json(exclude_none=True)
 
-    return _json(await runtime.workers.run(answer, needs_network=service.needs_network(request)))
+async def _answer(
+    request: Request,
+    runtime: Runtime,
+    task: Task[R],
+    plan: Callable[[Task[R], float], PlanResponse | MultistepPlanResponse],
+) -> Response:
+    """Have `task` planned in a thread, within its deadline and while the client waits."""
+    asked = task.request
+    request.state.log_fields |= {
+        "method": task.method.name,
+        "num_candidates": asked.num_candidates,
+        "num_targets": task.num_targets,
+        "seed": task.seed,
+    }
+    if task.work.model:
+        request.state.log_fields["model"] = task.work.model.label
+
+    def answer(waited_ms: float) -> tuple[str, TimingReport]:
+        result = plan(task, waited_ms)
+        return result.model_dump_json(exclude_none=True), result.timing_ms
+
+    body, timing_ms = await runtime.workers.run(task.work, answer, request.receive)
+    timing = timing_ms.model_dump()
+    request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
+    header = ", ".join(f"{stage};dur={ms}" for stage, ms in timing.items())
+    return Response(body, media_type="application/json", headers={"Server-Timing": header})
 
 
 @router.get("/methods", tags=["about"])
@@ -154,14 +186,31 @@ async def readyz() -> Health:
     return Health(status="ready")
 
 
+@router.get("/metrics", response_class=PlainTextResponse, tags=["health"])
+async def metrics(request: Request, runtime: RuntimeDependency) -> Response:
+    """Count and time all that was asked, in Prometheus' text format."""
+    body, content_type = request.state.metrics.render(runtime.pending)
+    return Response(body, media_type=content_type)
+
+
+@admin_router.post(
+    "/admin/reload",
+    responses=_problems((409, "A model is not in order; those in use stay."), NOT_READY),
+    tags=["admin"],
+)
+async def reload(runtime: RuntimeDependency) -> list[ModelDescription]:
+    """Load what is new in the model store, put it in place of the old, and list the models."""
+    try:
+        await runtime.load()
+    except ModelRejected as error:
+        raise HTTPException(409, f"the old models stay: {error}") from error
+    return await models(runtime.service)
+
+
 @router.get("/", include_in_schema=False)
 async def home() -> RedirectResponse:
     """Send a browser to the documentation."""
     return RedirectResponse("docs")
-
-
-def _json(body: str) -> Response:
-    return Response(body, media_type="application/json")
 
 
 def _describe(model: Model) -> ModelDescription:

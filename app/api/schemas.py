@@ -15,13 +15,13 @@ from app.planning.methods import METHODS, ActionDiffusion, AnyMethod
 from app.planning.objectives import Objective
 from app.planning.problem import DEFAULT_HORIZON
 from app.planning.refinement import Refinement
-from app.planning.system import System
+from app.planning.system import LARGEST, System
 
 MAX_TARGETS = 64
 MAX_SEED = 2**53 - 1
 """The largest integer that every JSON reader keeps exactly."""
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 State = Annotated[
     tuple[Number, Number],
     Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
@@ -69,6 +69,7 @@ class _Request(BaseModel):
     model: str | None = Field(
         None,
         description="A model's name, or name/version; by default the one that fits the plant.",
+        min_length=1,
         max_length=128,
     )
     initial: Initial | None = Field(
@@ -88,6 +89,12 @@ class _Request(BaseModel):
         "terminal_error",
         description="What ranks candidates that arrive equally well, and with `refine` what is "
         "lowered among the plans that arrive.",
+    )
+    deadline_ms: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+        None,
+        description="Milliseconds from the request's arrival in which the answer is of use: what "
+        "cannot be done by then is refused with 429, what runs out of time is dropped with 504. "
+        "The service's own maximum by default (see /info).",
     )
     include: list[Inclusion] = Field(
         ["states"],
@@ -301,6 +308,9 @@ class Limits(BaseModel):
     max_candidate_steps: int
     max_answer_numbers: int
     max_pending: int
+    max_pending_rows: int
+    max_pending_rollout_steps: int
+    max_deadline_ms: int
 
 
 class Info(BaseModel):

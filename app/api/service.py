@@ -1,16 +1,19 @@
 """From a request to an answer: resolve plant and model, check the limits, plan, report.
 
-Plain blocking code: the routes run it in a thread, the command line calls it as it is.
+Plain blocking code: the routes plan in a thread, the command line calls it as it is.
 """
 
 import secrets
 from collections.abc import Container
 from dataclasses import asdict, dataclass
-from typing import Any, TypeAlias
+from time import perf_counter
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
+from app.api.admission import Work
 from app.api.errors import InvalidField
+from app.api.rates import Rates
 from app.api.schemas import (
     MAX_SEED,
     CandidatesReport,
@@ -27,7 +30,8 @@ from app.api.schemas import (
     TimingReport,
 )
 from app.inference.engine import Engine
-from app.inference.model_store import Model, ModelStore, UnfitModel
+from app.inference.job import Job
+from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.methods import OPTIMISERS, Started
 from app.planning.methods.base import LearnedProposal, Method
 from app.planning.plan import Plan, RankedCandidates
@@ -37,6 +41,10 @@ from app.planning.system import System
 from app.settings import Settings
 
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
+R = TypeVar("R", PlanRequest, MultistepPlanRequest)
+
+FLOOR_STEPS = 60_000
+"""Measuring a plan, its floor above all, takes about as long as so many simulated time steps."""
 
 
 class PlanningService:
@@ -46,28 +54,72 @@ class PlanningService:
         settings: the limits.
         models: the model store.
         engine: runs the models.
+        rates: told how long plans took.
     """
 
-    def __init__(self, settings: Settings, models: ModelStore, engine: Engine) -> None:
+    def __init__(
+        self, settings: Settings, models: ModelStore, engine: Engine, rates: Rates
+    ) -> None:
         self._settings = settings
         self.models = models
         self._engine = engine
+        self._rates = rates
 
-    def plan(self, request: PlanRequest, waited_ms: float = 0.0) -> PlanResponse:
+    def resolve(self, request: R, arrived: float | None = None) -> "Task[R]":
+        """Settle what a request leaves open, and refuse what it may not ask.
+
+        Args:
+            request: as it came.
+            arrived: when it did, by `perf_counter`; None for now.
+
+        Raises:
+            UnknownModel: it names a model that is not there.
+            UnfitModel: the method needs a model, and none (or not the named one) fits the plant.
+            InvalidField: it is larger than the settings allow, or its fields clash.
+        """
+        num_targets = len(request.targets) if isinstance(request, MultistepPlanRequest) else 1
+        named = self.models.find(request.model) if request.model else None
+        system = request.system or (named.manifest.system if named else System())
+        horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
+        method = _method(request)
+        k = request.num_candidates
+        cost = plan_cost(method, k)
+        if request.refine:
+            cost += request.refine.cost(k)
+        self._check_limits(request, cost, horizon, num_targets)
+        model = None
+        if cost.network_evaluations:
+            model = named or self.models.fitting(system, horizon)
+            if not model.fits(system, horizon):
+                raise UnfitModel(
+                    f"{model.label} was trained for another plant or horizon "
+                    f"({model.manifest.system}, horizon {model.manifest.horizon})"
+                )
+        deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
+        rows = k * cost.network_evaluations * num_targets
+        work = Work(
+            job=Job(rows, (arrived or perf_counter()) + deadline_ms / 1e3),
+            model=model,
+            rows_per_step=2 * k,
+            rollout_steps=(cost.rollouts * horizon + FLOOR_STEPS) * num_targets,
+            kind=f"{method.name}, refined" if request.refine else method.name,
+        )
+        seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
+        return Task(request, num_targets, method, system, horizon, seed, work)
+
+    def plan(self, task: "Task[PlanRequest]", waited_ms: float = 0.0) -> PlanResponse:
         """Answer `POST /plan`.
 
         Args:
-            request: what to plan.
+            task: what to plan.
             waited_ms: how long the request waited before this call, for the answer's timing.
 
         Raises:
-            UnknownModel: the request names a model that is not there.
-            UnfitModel: the method needs a model, and none (or not the named one) fits the plant.
-            InvalidField: the request is larger than the settings allow, or its fields clash.
             InvalidStepCount: more denoising steps than the model has diffusion times.
             PlanningError: the method failed.
+            Stopped: the task's stop said so.
         """
-        task = self._resolve(request, num_targets=1)
+        request = task.request
         problem = Problem(
             as_state(request.initial_state),
             as_state(request.target_state),
@@ -78,19 +130,21 @@ class PlanningService:
             problem,
             task.method,
             request.num_candidates,
-            task.rng,
-            task.learned,
+            np.random.default_rng(task.seed),
+            self._learned(task),
             request.refine,
             request.objective,
+            task.work.job.stop,
         )
+        self._measure(task, result.timing)
         segment = _segment(result, request.include, Timing(queue=waited_ms) + result.timing)
         return PlanResponse(**segment.__dict__, **task.provenance())
 
     def plan_multistep(
-        self, request: MultistepPlanRequest, waited_ms: float = 0.0
+        self, task: "Task[MultistepPlanRequest]", waited_ms: float = 0.0
     ) -> MultistepPlanResponse:
         """Answer `POST /plan_multistep`; arguments and errors as for `plan`."""
-        task = self._resolve(request, num_targets=len(request.targets))
+        request = task.request
         result = plan_multistep(
             as_state(request.initial_state),
             [as_state(target) for target in request.targets],
@@ -98,11 +152,13 @@ class PlanningService:
             task.horizon,
             task.method,
             request.num_candidates,
-            task.rng,
-            task.learned,
+            np.random.default_rng(task.seed),
+            self._learned(task),
             request.refine,
             request.objective,
+            task.work.job.stop,
         )
+        self._measure(task, result.timing)
         include = request.include
         return MultistepPlanResponse(
             segments=[_segment(part, include, part.timing) for part in result.segments],
@@ -117,39 +173,26 @@ class PlanningService:
             **task.provenance(),
         )
 
-    def needs_network(self, request: AnyRequest) -> bool:
-        """Say whether any part of the request samples from a model.
+    def _learned(self, task: "Task[Any]") -> LearnedProposal | None:
+        work = task.work
+        return self._engine.bind(work.model, work.job) if work.model else None
 
-        Raises:
-            InvalidField: its fields clash.
+    def _measure(self, task: "Task[Any]", timing: Timing) -> None:
+        """Count how long the simulated time steps took, where that can be told.
+
+        The time of an optimiser that starts from the network's candidates is the network's as well.
         """
-        return _method(request).cost(request.num_candidates).network_evaluations > 0
-
-    def _resolve(self, request: AnyRequest, num_targets: int) -> "_Task":
-        """Settle what the request leaves open, and refuse what it may not ask."""
-        named = self.models.find(request.model) if request.model else None
-        system = request.system or (named.manifest.system if named else System())
-        horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
-        method = _method(request)
-        self._check_limits(request, plan_cost(method, request.num_candidates), horizon, num_targets)
-        seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
-        if not method.cost(request.num_candidates).network_evaluations:
-            return _Task(method, system, horizon, seed)
-        model = named or self.models.fitting(system, horizon)
-        if not model.fits(system, horizon):
-            raise UnfitModel(
-                f"{model.label} was trained for another plant or horizon "
-                f"({model.manifest.system}, horizon {model.manifest.horizon})"
-            )
-        return _Task(method, system, horizon, seed, model, self._engine.bind(model))
+        work = task.work
+        if work.model and isinstance(task.method, Started):
+            return
+        computing_ms = timing.refine + timing.rollout + (0 if work.model else timing.propose)
+        self._rates.add_steps(work.kind, computing_ms / 1e3, work.rollout_steps)
 
     def _check_limits(
         self, request: AnyRequest, cost: Cost, horizon: int, num_targets: int
     ) -> None:
         settings = self._settings
         k = request.num_candidates
-        if request.refine:
-            cost += request.refine.cost(k)
         candidate_steps = k * horizon * num_targets
         numbers_each = 3 if "states" in request.include else 1
         answer_numbers = candidate_steps * numbers_each if "candidates" in request.include else 0
@@ -175,29 +218,32 @@ class PlanningService:
                 settings.max_candidate_steps,
             ),
             ("/include", "numbers of candidates", answer_numbers, settings.max_answer_numbers),
+            (
+                "/deadline_ms",
+                "milliseconds",
+                request.deadline_ms or 0,
+                settings.max_deadline_ms,
+            ),
         ):
             if value > limit:
                 raise InvalidField(pointer, f"{value} {what}; at most {limit} are allowed")
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class Task(Generic[R]):
     """A request with nothing left open."""
 
+    request: R
+    num_targets: int
     method: Method
     system: System
     horizon: int
     seed: int
-    model: Model | None = None
-    learned: LearnedProposal | None = None
-
-    @property
-    def rng(self) -> np.random.Generator:
-        return np.random.default_rng(self.seed)
+    work: Work
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of an answer that say where it comes from."""
-        manifest = self.model.manifest if self.model else None
+        manifest = self.work.model and self.work.model.manifest
         reference = manifest and ModelReference(
             name=manifest.name, version=str(manifest.version), sha256=manifest.sha256
         )

@@ -1,46 +1,130 @@
 """Threads in which plans are made, so that the event loop never computes."""
 
+import asyncio
+import math
 from collections.abc import Callable
 from time import perf_counter
 from typing import TypeVar
 
 import anyio
 import anyio.to_thread
+from starlette.types import Receive
 
-from app.api.errors import Busy
+from app.api.admission import Admission, Work
+from app.inference.row_threads import RowThreads
+from app.planning.stop import Stopped
 
 T = TypeVar("T")
 
 
+class DeadlineExceeded(Stopped):
+    """The time for the request is up."""
+
+
+class ClientGone(Stopped):
+    """Nobody waits for the answer any more."""
+
+
+class ShuttingDown(Stopped):
+    """The service was told to end at once."""
+
+
 class Workers:
-    """A bounded number of requests at work or waiting.
+    """A thread for each plan under way.
+
+    Plans that need the network wait in theirs for the engine. Compiled ones compute in theirs, in
+    each lane as many at once as there are cores; while the network has work, one fewer. The engine
+    in turn leaves them the cores that they are on.
 
     Args:
-        max_pending: how many in all; one more is refused.
-        num_cores: how many of those that compute in their own thread run at once. Those that wait
-            for the network do not count: the engine's thread computes for them.
+        admission: says who may come in.
+        row_threads: the engine's, which are lent to compiled plans.
     """
 
-    def __init__(self, max_pending: int, num_cores: int) -> None:
-        self._max_pending = max_pending
-        self._pending = 0
-        self._cores = anyio.CapacityLimiter(num_cores)
-        self._network = anyio.CapacityLimiter(max_pending)
+    def __init__(self, admission: Admission, row_threads: RowThreads) -> None:
+        self._admission = admission
+        self._row_threads = row_threads
+        self._cores = {
+            lane: anyio.CapacityLimiter(row_threads.num_threads) for lane in ("short", "long")
+        }
+        self._network_plans = 0
+        # The admission bounds how many there are.
+        self._threads = anyio.CapacityLimiter(math.inf)
 
-    async def run(self, function: Callable[[float], T], *, needs_network: bool) -> T:
+    async def run(self, work: Work, function: Callable[[float], T], receive: Receive) -> T:
         """Return `function(waited_ms)`, called in a thread.
 
+        Args:
+            work: what it takes; its job's stop is set when the deadline passes or the client goes.
+            function: makes the plan.
+            receive: tells when the client goes; its body has been read.
+
         Raises:
-            Busy: too many requests are pending.
+            Refused: the work was not taken on.
+            Stopped: DeadlineExceeded, ClientGone, or whatever else the job was stopped with.
         """
-        if self._pending >= self._max_pending:
-            raise Busy(f"{self._pending} requests are pending; try again later")
-        self._pending += 1
-        submitted = perf_counter()
-        try:
-            return await anyio.to_thread.run_sync(
-                lambda: function((perf_counter() - submitted) * 1e3),
-                limiter=self._network if needs_network else self._cores,
+        with self._admission.admitted(work) as lane:
+            begun = perf_counter()
+            queue = anyio.CancelScope()
+
+            def stop(reason: Stopped) -> None:
+                work.job.stop.set(reason)
+                queue.cancel()
+
+            async def watch_client() -> None:
+                while (await receive())["type"] != "http.disconnect":
+                    pass
+                stop(ClientGone("the client has gone"))
+
+            watch = asyncio.create_task(watch_client())
+            timer = asyncio.get_running_loop().call_later(
+                work.job.deadline - begun, stop, DeadlineExceeded("the deadline has passed")
             )
+            try:
+                if lane == "network":
+                    return await self._run_network(function, begun)
+                return await self._run_compiled(
+                    work, function, begun, queue, cores=self._cores[lane]
+                )
+            finally:
+                timer.cancel()
+                watch.cancel()
+
+    async def _run_network(self, function: Callable[[float], T], begun: float) -> T:
+        self._change_network_plans(1)
+        try:
+            return await self._in_thread(function, begun)
         finally:
-            self._pending -= 1
+            self._change_network_plans(-1)
+
+    def _change_network_plans(self, change: int) -> None:
+        self._network_plans += change
+        reserved = 1 if self._network_plans else 0
+        for cores in self._cores.values():
+            cores.total_tokens = max(1, self._row_threads.num_threads - reserved)
+
+    async def _run_compiled(
+        self,
+        work: Work,
+        function: Callable[[float], T],
+        begun: float,
+        queue: anyio.CancelScope,
+        cores: anyio.CapacityLimiter,
+    ) -> T:
+        acquired = False
+        try:
+            with queue:
+                await cores.acquire_on_behalf_of(work)
+                acquired = True
+                self._row_threads.lent += 1
+            work.job.stop.check()
+            return await self._in_thread(function, begun)
+        finally:
+            if acquired:
+                self._row_threads.lent -= 1
+                cores.release_on_behalf_of(work)
+
+    async def _in_thread(self, function: Callable[[float], T], begun: float) -> T:
+        return await anyio.to_thread.run_sync(
+            lambda: function((perf_counter() - begun) * 1e3), limiter=self._threads
+        )

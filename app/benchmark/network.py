@@ -11,15 +11,16 @@ from app.benchmark.pairing import median_ms
 from app.benchmark.paper_sampler import PaperUNet
 from app.inference.matrix_product import multiply
 from app.inference.model_store import Model
-from app.inference.network import Network, ScriptedNetwork
+from app.inference.network import Network
 from app.inference.row_threads import RowThreads
+from app.inference.scripted_network import freeze
 
 ROWS = (1, 2, 8, 16, 32, 64, 256, 1024)
 PRODUCT_SIZE = 2048
 
 
 def network(
-    model: Model, paper_unet: PaperUNet, frozen: ScriptedNetwork, num_threads: int
+    model: Model, paper_unet: PaperUNet, script: torch.jit.ScriptModule, num_threads: int
 ) -> Iterator[str]:
     """Measure a forward pass by eager PyTorch, TorchScript and the engine; yield table lines.
 
@@ -31,6 +32,7 @@ def network(
         paper_unet(u, t, condition.expand(1, -1))
     gigaflops = counter.get_total_flops() / 1e9
     peaks = _peak(num_threads)
+    frozen = freeze(script)
     yield f"a row takes {1e3 * gigaflops:.1f} MFLOP"
     for name, peak in peaks.items():
         yield f"matrix product, {name}: {peak:.0f} GFLOP/s"
@@ -44,13 +46,15 @@ def network(
             torch.randn(rows, horizon),
             torch.randint(len(model.manifest.alphas_cumprod), (rows,)),
         )
-        calls: list[Callable[[], Tensor]] = [
-            _call_eager(paper_unet, u, t, condition.expand(rows, -1))
-        ] + [
-            _call(runs, u, t, runs.embed(condition)[0].repeat(rows, 1))
-            for runs in (frozen, model.network)
+        conditions = condition.expand(rows, -1)
+        times = [
+            median_ms(call)
+            for call in (
+                _call_eager(paper_unet, u, t, conditions),
+                _call_script(frozen, u, t, conditions),
+                _call(model.network, u, t, condition),
+            )
         ]
-        times = [median_ms(call) for call in calls]
         rates = [gigaflops * rows / (ms / 1e3) for ms in times]
         yield (
             f"| {rows} | {' | '.join(f'{ms:.2f} ms' for ms in times)} "
@@ -66,7 +70,20 @@ def _call_eager(unet: PaperUNet, u: Tensor, t: Tensor, condition: Tensor) -> Cal
     return call
 
 
-def _call(network: Network, u: Tensor, t: Tensor, embedding: Tensor) -> Callable[[], Tensor]:
+def _call_script(
+    frozen: torch.jit.ScriptModule, u: Tensor, t: Tensor, condition: Tensor
+) -> Callable[[], Tensor]:
+    keep = torch.ones(len(u), dtype=torch.bool)
+
+    def call() -> Tensor:
+        noise: Tensor = frozen(u.unsqueeze(1), t, condition, keep)
+        return noise
+
+    return call
+
+
+def _call(network: Network, u: Tensor, t: Tensor, condition: Tensor) -> Callable[[], Tensor]:
+    embedding = network.embed(condition)[0].repeat(len(u), 1)
     return lambda: network.predict(u, t, embedding)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import torch
 
+from app.benchmark.company import company
 from app.benchmark.network import network
 from app.benchmark.paper_sampler import PaperUNet
 from app.benchmark.planning import planning
@@ -12,6 +13,7 @@ from app.benchmark.quick_plans import quick_plans
 from app.benchmark.sampling import sampling
 from app.benchmark.service import service
 from app.inference.engine import Engine
+from app.inference.job import Job
 from app.inference.model_store import read_torchscript, verify
 from app.planning.problem import DEFAULT_HORIZON
 from app.planning.system import System
@@ -29,19 +31,22 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     engine = Engine(num_threads)
     model = engine.load(store, torch.device("cpu")).fitting(System(), DEFAULT_HORIZON)
     _, checkpoint = verify(store / model.manifest.name / str(model.manifest.version))
-    script, frozen = read_torchscript(checkpoint, model.device)
+    script = read_torchscript(checkpoint, model.device)
     paper_unet = PaperUNet(script.state_dict())
     # After the engine, which limits PyTorch to one thread: the references have them all.
     torch.set_num_threads(num_threads)
-    proposal = engine.bind(model)
+    # One job for all that is measured: the engine has no other to share its rows with.
+    proposal = engine.bind(model, Job(rows_left=0))
     yield f"{model.label}, {num_threads} threads\n\n## The network\n"
     with torch.inference_mode():
-        yield from network(model, paper_unet, frozen, num_threads)
+        yield from network(model, paper_unet, script, num_threads)
     yield "\n## Sampling, beside the paper's sampler in eager PyTorch\n"
     yield from sampling(model, proposal, paper_unet)
     yield "\n## Planning\n"
     yield quick_plans(proposal, model.manifest.horizon)
     yield from planning()
     yield "\n## The service\n"
-    yield from service(proposal)
+    yield from service(model)
+    yield "\n## In company\n"
+    yield from company()
     engine.close()

@@ -51,6 +51,7 @@ class PlannerClient:
         url: where the service is.
         patience_s: how long to go on asking a service that is busy, starting or away.
         transport: what carries the requests instead of the network.
+        api_key: for a service that asks for one.
     """
 
     def __init__(
@@ -58,9 +59,12 @@ class PlannerClient:
         url: str,
         patience_s: float = PATIENCE_SECONDS,
         transport: httpx.BaseTransport | None = None,
+        api_key: str | None = None,
     ) -> None:
         retrying = _retrying(transport, patience_s, _read_whole)
-        self._http = httpx.Client(base_url=url, transport=retrying, timeout=TIMEOUT)
+        self._http = httpx.Client(
+            base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
+        )
 
     def plan(self, request: PlanRequest) -> PlanResponse:
         """Ask `POST /plan`.
@@ -111,6 +115,7 @@ class AsyncPlannerClient:
         url: where the service is.
         patience_s: how long to go on asking a service that is busy, starting or away.
         transport: what carries the requests instead of the network.
+        api_key: for a service that asks for one.
     """
 
     def __init__(
@@ -118,9 +123,12 @@ class AsyncPlannerClient:
         url: str,
         patience_s: float = PATIENCE_SECONDS,
         transport: httpx.AsyncBaseTransport | None = None,
+        api_key: str | None = None,
     ) -> None:
         retrying = _retrying(transport, patience_s, _read_whole_async)
-        self._http = httpx.AsyncClient(base_url=url, transport=retrying, timeout=TIMEOUT)
+        self._http = httpx.AsyncClient(
+            base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
+        )
 
     async def plan(self, request: PlanRequest) -> PlanResponse:
         """Ask `POST /plan`; errors as for `PlannerClient.plan`."""
@@ -158,6 +166,10 @@ class AsyncPlannerClient:
         traceback: TracebackType | None,
     ) -> None:
         await self.aclose()
+
+
+def _headers(api_key: str | None) -> dict[str, str]:
+    return {"Authorization": f"Bearer {api_key}"} if api_key else {}
 
 
 def _retrying(

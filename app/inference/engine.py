@@ -1,65 +1,224 @@
-"""The engine: one thread that owns the network and its device, one sampling at a time."""
+"""The engine: one thread that owns the network, and takes the samplings of all requests together.
 
-from concurrent.futures import ThreadPoolExecutor
+Each tick it runs one batch: rows of as many samplings as fit, each at its own step, with its own
+sampler, guidance and condition. It waits for no company: an idle engine begins at once, and a
+sampling joins or leaves between any two ticks. Whose rows go next says shares.py.
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 from time import perf_counter
+from typing import NamedTuple, TypeAlias
 
-import numpy as np
 import torch
 
+from app.inference.job import Job
 from app.inference.model_store import Model, ModelStore
 from app.inference.row_threads import RowThreads
-from app.inference.samplers import SAMPLERS, guided
-from app.planning.problem import Candidates, Problem
+from app.inference.sampling import Sampling
+from app.inference.shares import Share, half_least_half_urgent
+from app.planning.problem import Candidates, PlanningError, Problem
 from app.planning.system import FloatArray
+
+log = logging.getLogger(__name__)
+
+
+class Tick(NamedTuple):
+    """What one batch was."""
+
+    model: Model
+    rows: int
+    seconds: float
+
+
+Watch: TypeAlias = Callable[[Tick], None]
+
+
+def _ignore(_: Tick) -> None:
+    pass
+
+
+@dataclass(eq=False, slots=True)
+class _Order:
+    """A sampling that somebody waits for."""
+
+    job: Job
+    prepare: Callable[[], Sampling]
+    done: "Future[tuple[FloatArray, float]]"
+    """The controls (K, H), and the time at which the first tick with them began."""
+    begun: float | None = None
 
 
 class Engine:
-    """Runs samplings in the order in which they come, each on all of the network's threads.
+    """Takes samplings through their networks, a share of each at a time.
 
     Args:
         num_threads: CPU threads of the network.
+        watch: told of every batch, in the engine's thread.
+        share: says whose rows go next.
     """
 
-    def __init__(self, num_threads: int) -> None:
-        self._thread = ThreadPoolExecutor(
-            max_workers=1,
-            thread_name_prefix="engine",
-            # PyTorch's own threads would wait spinning for its next operation, on the cores that
-            # the rows need.
-            initializer=torch.set_num_threads,
-            initargs=(1,),
-        )
-        self._row_threads = RowThreads(num_threads)
+    def __init__(
+        self,
+        num_threads: int,
+        watch: Watch = _ignore,
+        share: Share = half_least_half_urgent,
+    ) -> None:
+        self.row_threads = RowThreads(num_threads)
+        self._watch = watch
+        self._share = share
+        self._inbox: SimpleQueue[_Order | None] = SimpleQueue()
+        self._closing = threading.Lock()
+        self._closed = False
+        self._running: dict[Sampling, _Order] = {}
+        self._thread = threading.Thread(target=self._run, name="engine", daemon=True)
+        self._thread.start()
 
-    def load(self, store: Path, device: torch.device) -> ModelStore:
-        """Verify, load and warm up every model of a store, in the engine's thread.
-
-        OpenMP, which PyTorch's threads are, keeps a pool of them for each thread that has ever
-        used it, and once the pools together exceed the cores, all of them wait asleep instead of
-        spinning.
+    def load(self, store: Path, device: torch.device, loaded: Sequence[Model] = ()) -> ModelStore:
+        """Verify, load and warm up the models of a store, in the calling thread; see `ModelStore`.
 
         Raises:
             ModelRejected: one of them is not what its manifest says; none is loaded then.
         """
-        return self._thread.submit(ModelStore.load, store, device, self._row_threads).result()
+        _use_no_threads_of_pytorch()
+        return ModelStore.load(store, device, self.row_threads, loaded)
 
-    def bind(self, model: Model) -> "EngineProposal":
-        """Return `model` as a learned proposal that samples in this engine."""
-        return EngineProposal(self._thread, model)
+    def bind(self, model: Model, job: Job) -> "EngineProposal":
+        """Return `model` as a learned proposal that samples here, as a part of `job`."""
+        return EngineProposal(self, model, job)
+
+    def submit(
+        self, job: Job, prepare: Callable[[], Sampling]
+    ) -> "Future[tuple[FloatArray, float]]":
+        """Take on the sampling that `prepare` makes, in the engine's thread.
+
+        Returns:
+            The controls (K, H) in m/s^2 and when their first tick began, or what went wrong:
+            what `prepare` raised, the network or the reason of the job's stop.
+
+        Raises:
+            RuntimeError: the engine is closed.
+        """
+        order = _Order(job, prepare, Future())
+        with self._closing:
+            if self._closed:
+                raise RuntimeError("the engine is closed")
+            self._inbox.put(order)
+        return order.done
 
     def close(self) -> None:
         """Finish what was submitted, then end the threads."""
-        self._thread.shutdown()
-        self._row_threads.close()
+        with self._closing:
+            if not self._closed:
+                self._closed = True
+                self._inbox.put(None)
+        self._thread.join()
+        self.row_threads.close()
+
+    @torch.inference_mode()
+    def _run(self) -> None:
+        _use_no_threads_of_pytorch()
+        is_open = True
+        while is_open or self._running:
+            while is_open and (not self._running or not self._inbox.empty()):
+                # No variable here holds an order: an idle engine keeps no old model alive.
+                is_open = self._begin(self._inbox.get())
+            try:
+                self._tick()
+            except Exception as error:
+                log.exception("a tick failed; so do the requests that were under way")
+                for sampling in list(self._running):
+                    self._fail(sampling, error)
+
+    def _begin(self, order: _Order | None) -> bool:
+        """Prepare the sampling that was ordered; return whether there may be more."""
+        if order is None:
+            return False
+        try:
+            order.job.stop.check()
+            sampling = order.prepare()
+        except Exception as error:
+            order.done.set_exception(error)
+        else:
+            self._running[sampling] = order
+        return True
+
+    def _tick(self) -> None:
+        for sampling in list(self._running):
+            try:
+                sampling.job.stop.check()
+            except Exception as error:
+                self._fail(sampling, error)
+        if not self._running:
+            return
+        samplings = list(self._running)
+        budget = max(sampling.model.pace.rows_at_once for sampling in samplings)
+        shares = self._share(samplings, budget)
+        for model in {sampling.model for sampling in shares}:
+            own = {sampling: rows for sampling, rows in shares.items() if sampling.model is model}
+            self._run_batch(model, own)
+
+    def _run_batch(self, model: Model, shares: dict[Sampling, int]) -> None:
+        started = perf_counter()
+        for sampling in shares:
+            order = self._running[sampling]
+            order.begun = order.begun or started
+        self._predict(model, shares)
+        self._watch(Tick(model, sum(shares.values()), perf_counter() - started))
+
+    def _predict(self, model: Model, shares: dict[Sampling, int]) -> None:
+        """Take these rows through the model; a failure is that of the sampling it belongs to."""
+        try:
+            parts = [sampling.take(count) for sampling, count in shares.items()]
+            noise = model.network.predict(*(torch.cat(rows) for rows in zip(*parts, strict=True)))
+            predictions = torch.split(noise, list(shares.values()))
+        except Exception as error:
+            if len(shares) > 1:
+                for sampling, count in shares.items():
+                    self._predict(model, {sampling: count})
+                return
+            log.warning("%s failed", model.label, exc_info=error)
+            for sampling in shares:
+                self._fail(sampling, PlanningError(f"{model.label} failed: {error}"))
+            return
+        for sampling, own in zip(shares, predictions, strict=True):
+            try:
+                sampling.give(own)
+            except Exception as error:
+                self._fail(sampling, error)
+                continue
+            if sampling.controls is not None:
+                order = self._running.pop(sampling)
+                assert order.begun is not None
+                order.done.set_result((sampling.controls, order.begun))
+
+    def _fail(self, sampling: Sampling, error: Exception) -> None:
+        self._running.pop(sampling).done.set_exception(error)
+
+
+def _use_no_threads_of_pytorch() -> None:
+    """Leave the cores to the row threads; PyTorch's own wait spinning for its next operation."""
+    torch.set_num_threads(1)
 
 
 class EngineProposal:
-    """A `LearnedProposal`: one model of an engine."""
+    """A `LearnedProposal`: one model of an engine, for one request.
 
-    def __init__(self, thread: ThreadPoolExecutor, model: Model) -> None:
-        self._thread = thread
+    Args:
+        engine: samples.
+        model: that it samples from.
+        job: whose work the samplings are.
+    """
+
+    def __init__(self, engine: Engine, model: Model, job: Job) -> None:
+        self._engine = engine
         self._model = model
+        self._job = job
 
     def sample(
         self,
@@ -73,35 +232,18 @@ class EngineProposal:
 
         Raises:
             InvalidStepCount: the model has fewer diffusion times than `steps`.
+            PlanningError: the network fails, or predicts noise that is not finite.
+            Stopped: the job is not wanted any more.
             ValueError: the model was not trained for the problem's plant and horizon.
         """
         if not self._model.fits(problem.system, problem.horizon):
             raise ValueError("the model was trained for another plant or horizon")
         submitted = perf_counter()
-        future = self._thread.submit(
-            _sample, self._model, problem, noise, sampler, steps, guidance_scale
+        done = self._engine.submit(
+            self._job,
+            lambda: Sampling(
+                self._job, self._model, problem, noise, sampler, steps, guidance_scale
+            ),
         )
-        controls, started = future.result()
-        return Candidates(controls, queue_ms=(started - submitted) * 1e3)
-
-
-@torch.inference_mode()
-def _sample(
-    model: Model,
-    problem: Problem,
-    noise: FloatArray,
-    sampler: str,
-    steps: int,
-    guidance_scale: float,
-) -> tuple[FloatArray, float]:
-    """Return the controls (K, H) and the time at which sampling began."""
-    started = perf_counter()
-    manifest = model.manifest
-    times, solve = SAMPLERS[sampler]
-    controls = solve(
-        guided(model.network, model.condition(problem), guidance_scale, len(noise)),
-        torch.tensor(noise, dtype=torch.float32, device=model.device),
-        times(len(manifest.alphas_cumprod), steps),
-        manifest.alphas_cumprod,
-    )
-    return controls.cpu().numpy().astype(np.float64) * manifest.control_scale, started
+        controls, begun = done.result()
+        return Candidates(controls, queue_ms=(begun - submitted) * 1e3)

@@ -8,6 +8,7 @@ import io
 import logging
 import re
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -18,8 +19,10 @@ from pydantic import ValidationError
 
 from app.inference.compiled_network import UnsuitableNetwork, derive
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
-from app.inference.network import CONDITION_SIZE, Network, ScriptedNetwork
+from app.inference.network import CONDITION_SIZE, Network
+from app.inference.pace import Pace, measure_pace
 from app.inference.row_threads import RowThreads
+from app.inference.scripted_network import ScriptedNetwork
 from app.planning.problem import Problem
 from app.planning.system import System
 
@@ -38,13 +41,14 @@ class UnfitModel(LookupError):
     """No model was trained for the asked-for plant and horizon."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Model:
     """A verified checkpoint, loaded on a device."""
 
     manifest: Manifest
     network: Network
     device: torch.device
+    pace: Pace
 
     @property
     def label(self) -> str:
@@ -69,18 +73,25 @@ class ModelStore:
         self.models = sorted(models, key=lambda m: (m.manifest.name, -m.manifest.version))
 
     @classmethod
-    def load(cls, directory: Path, device: torch.device, threads: RowThreads) -> Self:
-        """Verify, load and warm up every model under `directory`.
+    def load(
+        cls,
+        directory: Path,
+        device: torch.device,
+        threads: RowThreads,
+        loaded: Sequence[Model] = (),
+    ) -> Self:
+        """Verify every model under `directory`, load and warm up those that are not yet `loaded`.
 
         Args:
             directory: the store.
             device: where the networks run.
             threads: share out the rows on a CPU.
+            loaded: models that are kept if the store still holds the very same.
 
         Raises:
             ModelRejected: one of them is not what its manifest says; none is loaded then.
         """
-        return cls([_load(path, device, threads) for path in find_versions(directory)])
+        return cls([_load(path, device, threads, loaded) for path in find_versions(directory)])
 
     def find(self, reference: str) -> Model:
         """Return the model called `name` (its latest version) or `name/version`.
@@ -150,10 +161,8 @@ def verify(directory: Path) -> tuple[Manifest, bytes]:
     return manifest, checkpoint
 
 
-def read_torchscript(
-    checkpoint: bytes, device: torch.device
-) -> tuple[torch.jit.ScriptModule, ScriptedNetwork]:
-    """Return a checkpoint's network with its parts, and frozen, which runs faster and has none.
+def read_torchscript(checkpoint: bytes, device: torch.device) -> torch.jit.ScriptModule:
+    """Return a checkpoint's network.
 
     Raises:
         RuntimeError: the bytes are no TorchScript.
@@ -163,39 +172,45 @@ def read_torchscript(
         warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
         script: torch.jit.ScriptModule = torch.jit.load(  # type: ignore[no-untyped-call]
             io.BytesIO(checkpoint), map_location=device
-        ).eval()
-        return script, ScriptedNetwork(torch.jit.freeze(script))
+        )
+        return script.eval()
 
 
-def _load(directory: Path, device: torch.device, threads: RowThreads) -> Model:
+def _load(
+    directory: Path, device: torch.device, threads: RowThreads, loaded: Sequence[Model]
+) -> Model:
     manifest, checkpoint = verify(directory)
+    for model in loaded:
+        # The manifest holds the checkpoint's hash.
+        if model.manifest == manifest:
+            return model
     try:
-        script, frozen = read_torchscript(checkpoint, device)
-        _try(frozen, manifest.horizon, device)
-        network = _fastest(script, frozen, manifest, device, threads)
+        script = read_torchscript(checkpoint, device)
+        scripted = ScriptedNetwork(script, threads)
+        _try(scripted, manifest.horizon, device)
+        network = _fastest(script, scripted, manifest, device, threads)
+        pace = measure_pace(network, manifest.horizon, device)
     except RuntimeError as error:
         raise ModelRejected(f"{directory}: the checkpoint does not run: {error}") from error
-    return Model(manifest, network, device)
+    return Model(manifest, network, device, pace)
 
 
 @torch.inference_mode()
 def _fastest(
     script: torch.jit.ScriptModule,
-    frozen: ScriptedNetwork,
+    scripted: ScriptedNetwork,
     manifest: Manifest,
     device: torch.device,
     threads: RowThreads,
 ) -> Network:
     """Return the compiled kernel where there is one for the checkpoint, or the checkpoint."""
     if device.type != "cpu":
-        return frozen
+        return scripted
     try:
-        network = derive(script, frozen, manifest.horizon, len(manifest.alphas_cumprod), threads)
+        network = derive(script, scripted, manifest.horizon, len(manifest.alphas_cumprod), threads)
     except UnsuitableNetwork as error:
         log.warning("%s runs as TorchScript, slowly: %s", manifest.name, error)
-        # It has only PyTorch's own threads.
-        torch.set_num_threads(threads.num_threads)
-        return frozen
+        return scripted
     _try(network, manifest.horizon, device)
     return network
 

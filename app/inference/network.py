@@ -1,6 +1,5 @@
-"""What a network is to the samplers, and the checkpoint's own TorchScript as one."""
+"""What a network is to the engine."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 from torch import Tensor
@@ -29,23 +28,3 @@ class Network(Protocol):
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
         """Predict the noise in `u_t` (B, H) at times `t` (B,) int64, embeddings (B, E); (B, H)."""
         ...
-
-
-class ScriptedNetwork:
-    """The checkpoint as it is: right for every network, on every device."""
-
-    def __init__(self, unet: Callable[..., Tensor]) -> None:
-        self._unet = unet
-
-    def embed(self, condition: Tensor) -> Tensor:
-        """Return the condition and whether to keep it; E = 5."""
-        embedding = condition.new_zeros(2, CONDITION_SIZE + 1)
-        embedding[0, :CONDITION_SIZE] = condition
-        embedding[0, CONDITION_SIZE] = 1.0
-        return embedding
-
-    def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
-        """Predict the noise, as `Network.predict`."""
-        condition, keep = embedding[:, :CONDITION_SIZE], embedding[:, CONDITION_SIZE] > 0
-        noise: Tensor = self._unet(u_t.unsqueeze(1), t, condition, keep)
-        return noise[:, 0]

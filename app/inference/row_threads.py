@@ -15,6 +15,8 @@ class RowThreads:
 
     def __init__(self, num_threads: int) -> None:
         self.num_threads = num_threads
+        self.lent = 0
+        """Cores that somebody else computes on: so many helpers less; the caller always works."""
         self._helpers = ThreadPoolExecutor(
             max_workers=max(num_threads - 1, 1), thread_name_prefix="rows"
         )
@@ -25,7 +27,7 @@ class RowThreads:
         A thread that is done takes the next slice, so that a core which is busy with something
         else delays a few rows and not its half of them.
         """
-        threads = self.num_threads if rows > ROWS_ALONE else 1
+        threads = max(1, self.num_threads - self.lent) if rows > ROWS_ALONE else 1
         rounds = -(-rows // (threads * ROWS_AT_A_TIME))
         size = -(-rows // (threads * rounds))
         starts = itertools.count(step=size)

@@ -1,10 +1,12 @@
-"""Samplers: pure functions that turn noise into control sequences over explicit timestep pairs.
+"""Samplers: generators that turn noise into control sequences over explicit timestep pairs.
 
-They know neither networks nor guidance: a sampler is given a function that predicts the noise.
+They know neither networks nor guidance: a sampler yields what it wants the noise of predicted, is
+sent the prediction, and in the end returns the controls. Between two predictions it stands still,
+so that whoever predicts may do so for many of them at once.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -12,10 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from app.inference.network import Network
-
-NoisePredictor: TypeAlias = Callable[[Tensor, int], Tensor]
-"""eps(u_t (K, H), t): the predicted noise (K, H)."""
+Steps: TypeAlias = Generator[tuple[Tensor, int], Tensor, Tensor]
+"""Yields u_t (K, H) and t, is sent the predicted noise (K, H), returns the controls (K, H)."""
 CLEAN = -1
 """The time after the last one, where no noise is left."""
 MIDDLE = (0.7, 0.25)
@@ -60,16 +60,14 @@ def _times(first: int, last: int, steps: int) -> list[int]:
 
 
 def ddim(
-    predict_noise: NoisePredictor,
     noise: Tensor,
     times: Sequence[int],
     alphas_cumprod: Sequence[float],
     bound: float = 1.0,
-) -> Tensor:
+) -> Steps:
     """Deterministic DDIM (Song et al. 2021, Eq. 12 with sigma = 0; paper, Sect. 3.4).
 
     Args:
-        predict_noise: the noise predictor.
         noise: (K, H), standard normal.
         times: falling diffusion times, `CLEAN` last (see `even_times`).
         alphas_cumprod: cumulative products of alpha_t, one for each diffusion time.
@@ -82,18 +80,17 @@ def ddim(
     u = noise
     for t, next_t in pairwise(times):
         level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
-        clean = level.clean(u, predict_noise(u, t), bound)
+        clean = level.clean(u, (yield u, t), bound)
         u = level.step(u, clean, next_level)
     return u
 
 
 def dpm_solver(
-    predict_noise: NoisePredictor,
     noise: Tensor,
     times: Sequence[int],
     alphas_cumprod: Sequence[float],
     bound: float = 1.0,
-) -> Tensor:
+) -> Steps:
     """DPM-Solver++ (2M), multistep, of second order (Lu et al. 2022, Algorithm 2).
 
     A DDIM step, but to a clean sequence that is extrapolated from this prediction and the one
@@ -105,7 +102,7 @@ def dpm_solver(
     u, previous_clean, previous_level = noise, None, None
     for t, next_t in pairwise(times):
         level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
-        clean = extrapolated = level.clean(u, predict_noise(u, t), bound)
+        clean = extrapolated = level.clean(u, (yield u, t), bound)
         if previous_clean is not None and previous_level is not None and next_t != CLEAN:
             h = next_level.log_ratio - level.log_ratio
             previous_h = level.log_ratio - previous_level.log_ratio
@@ -148,45 +145,10 @@ class Sampler(NamedTuple):
 
     times: Callable[[int, int], list[int]]
     """(T, steps) -> falling diffusion times, `CLEAN` last."""
-    solve: Callable[[NoisePredictor, Tensor, Sequence[int], Sequence[float]], Tensor]
+    solve: Callable[[Tensor, Sequence[int], Sequence[float]], Steps]
 
 
 SAMPLERS = {
     "dpm_solver": Sampler(middle_times, dpm_solver),
     "ddim": Sampler(even_times, ddim),
 }
-
-
-def guided(
-    network: Network, condition: Tensor, guidance_scale: float, num_candidates: int
-) -> NoisePredictor:
-    """Return a noise predictor with classifier-free guidance (Ho and Salimans 2022; paper, Eq. 4).
-
-    The conditional and the unconditional prediction share one batch; where the scale leaves only
-    one of them (0 or 1), the other is not computed.
-
-    Args:
-        network: predicts the noise.
-        condition: (4,), standardised [x_0, x*].
-        guidance_scale: s.
-        num_candidates: K, rows of every prediction.
-    """
-    conditional, unconditional = network.embed(condition).unsqueeze(1)
-    match guidance_scale:
-        case 0.0:
-            needed = [unconditional]
-        case 1.0:
-            needed = [conditional]
-        case _:
-            needed = [unconditional, conditional]
-    embedding = torch.cat([row.expand(num_candidates, -1) for row in needed])
-    times = torch.empty(len(embedding), dtype=torch.int64, device=embedding.device)
-
-    def predict_noise(u: Tensor, t: int) -> Tensor:
-        predictions = network.predict(torch.cat([u] * len(needed)), times.fill_(t), embedding)
-        if len(needed) == 1:
-            return predictions
-        without, with_condition = predictions.chunk(2)
-        return torch.lerp(without, with_condition, guidance_scale)
-
-    return predict_noise

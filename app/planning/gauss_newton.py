@@ -9,6 +9,7 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.sensitivity import linearise
+from app.planning.stop import Flag
 from app.planning.system import FloatArray, Parameters, terminal_state
 
 EXACT = 1e-12
@@ -45,6 +46,7 @@ def arrive(
     target: FloatArray,
     parameters: Parameters,
     iterations: int,
+    stopped: Flag,
 ) -> tuple[float, int]:
     """Move `controls` (H,) in place until they arrive or stall; return the error and the rollouts.
 
@@ -61,7 +63,7 @@ def arrive(
     rollouts = 1
     damping = INITIAL_DAMPING
     for _ in range(iterations):
-        if error <= EXACT:
+        if error <= EXACT or stopped[0]:
             break
         p, v = linearise(controls, position, velocity, parameters, jacobian)
         rollouts += 1

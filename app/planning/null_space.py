@@ -13,6 +13,7 @@ from app.compilation import compiled
 from app.planning.gauss_newton import EXACT, arrive
 from app.planning.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
 from app.planning.sensitivity import linearise
+from app.planning.stop import Flag
 from app.planning.system import FloatArray, Parameters, terminal_state
 
 NUM_TERMINAL_ROWS = 2
@@ -57,6 +58,7 @@ def descend(
     parameters: Parameters,
     roughness: bool,
     iterations: int,
+    stopped: Flag,
 ) -> tuple[float, int]:
     """Lower the objective of `controls` (H,) in place; return their terminal error, the rollouts.
 
@@ -75,13 +77,17 @@ def descend(
     value = quadratic(controls, roughness)
     trial = np.empty(controls.size)
     for _ in range(iterations):
+        if stopped[0]:
+            break
         trial[:] = controls
-        across, spent = _least_within_motion(trial, position, velocity, parameters, roughness)
+        across, spent = _least_within_motion(
+            trial, position, velocity, parameters, roughness, stopped
+        )
         rollouts += spent
         fraction = 1.0
         for _ in range(MAX_TRIALS):
             trial_error, spent = _bring_back(
-                trial, position, velocity, reached, target, parameters, iterations
+                trial, position, velocity, reached, target, parameters, iterations, stopped
             )
             rollouts += spent
             trial_value = quadratic(trial, roughness)
@@ -106,9 +112,10 @@ def _bring_back(
     target: FloatArray,
     parameters: Parameters,
     iterations: int,
+    stopped: Flag,
 ) -> tuple[float, int]:
     """Move `controls` back to the state `reached`; return their error to the target, rollouts."""
-    _, rollouts = arrive(controls, position, velocity, reached, parameters, iterations)
+    _, rollouts = arrive(controls, position, velocity, reached, parameters, iterations, stopped)
     p, v = terminal_state(controls, position, velocity, parameters)
     return math.hypot(p - target[0], v - target[1]), rollouts + 1
 
@@ -120,6 +127,7 @@ def _least_within_motion(
     velocity: float,
     parameters: Parameters,
     roughness: bool,
+    stopped: Flag,
 ) -> tuple[FloatArray, int]:
     """Move `controls` (H,) to the least objective of their motion and terminal state, in place.
 
@@ -139,6 +147,8 @@ def _least_within_motion(
     frozen = np.zeros(horizon, dtype=np.int64)
     reduced, direction, rates = np.empty(horizon), np.empty(horizon), np.empty(horizon)
     for _ in range(6 * horizon):
+        if stopped[0]:
+            break
         multipliers = _newton_step(controls, rows[:num_rows], frozen, roughness, direction, reduced)
         largest = 0.0
         for k in range(horizon):
@@ -168,10 +178,8 @@ def _least_within_motion(
                 frozen[blocking], controls[blocking] = HIGH, motion.control_high[blocking]
             else:
                 frozen[blocking], controls[blocking] = LOW, motion.control_low[blocking]
-    for k in range(horizon):
-        # Only the bounds of the controls stay; those of static friction belong to the motion.
-        if abs(controls[k]) < limit:
-            frozen[k] = FREE
+    # Only the bounds of the controls stay; those of static friction belong to the motion.
+    frozen[np.abs(controls) < limit] = FREE
     _newton_step(controls, rows[:NUM_TERMINAL_ROWS], frozen, roughness, direction, reduced)
     return direction, 2
 

@@ -17,6 +17,7 @@ from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementE
 from app.planning.problem import Cost, PlanningError, Problem, Timing
 from app.planning.reachability import reachability
 from app.planning.refinement import Refined, Refinement, refine
+from app.planning.stop import NEVER, Stop
 from app.planning.system import FloatArray, System, rollout
 
 
@@ -28,6 +29,7 @@ def plan(
     learned: LearnedProposal | None = None,
     refinement: Refinement | None = None,
     objective: Objective = "terminal_error",
+    stop: Stop = NEVER,
 ) -> Plan:
     """Plan from `problem.initial_state` to `problem.target_state` (paper, Sect. 3.5).
 
@@ -40,19 +42,22 @@ def plan(
         refinement: descend from the candidates through the true dynamics before they are ranked;
             None ranks them as they were proposed (the paper).
         objective: what ranks candidates that arrive equally well.
+        stop: ends the planning early.
 
     Raises:
         PlanningError: the method proposed controls that are not finite.
+        Stopped: `stop` said so.
     """
+    stop.check()
     started = perf_counter()
-    proposal = method.propose(problem, num_candidates, rng, learned)
+    proposal = method.propose(problem, num_candidates, rng, learned, stop)
     if not np.all(np.isfinite(proposal.controls)):
         raise PlanningError(f"{method.name} proposed controls that are not finite")
     limit = problem.system.control_limit
     controls = np.clip(proposal.controls, -limit, limit)
     proposed = perf_counter()
 
-    refined = refine(problem, controls, refinement, objective) if refinement else None
+    refined = refine(problem, controls, refinement, objective, stop) if refinement else None
     if refined:
         controls = refined.controls
     refined_at = perf_counter()
@@ -61,7 +66,7 @@ def plan(
     errors = terminal_error(states[:, -1], problem.target_state)
     best = best_candidate(problem, controls, states, errors, objective)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
-    reach = reachability(problem)
+    reach = reachability(problem, stop)
     measured = perf_counter()
 
     return Plan(
@@ -108,6 +113,7 @@ def plan_multistep(
     learned: LearnedProposal | None = None,
     refinement: Refinement | None = None,
     objective: Objective = "terminal_error",
+    stop: Stop = NEVER,
 ) -> MultistepPlan:
     """Plan to each of `target_states` in turn, from the state that the plan before it reached.
 
@@ -122,7 +128,9 @@ def plan_multistep(
     state = initial_state
     for target_state in target_states:
         problem = Problem(state, target_state, system, horizon)
-        segments.append(plan(problem, method, num_candidates, rng, learned, refinement, objective))
+        segments.append(
+            plan(problem, method, num_candidates, rng, learned, refinement, objective, stop)
+        )
         state = segments[-1].states[-1]
     return MultistepPlan(
         segments=tuple(segments),

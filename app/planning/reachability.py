@@ -10,6 +10,7 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.problem import Problem
+from app.planning.stop import NEVER, Flag, Stop
 from app.planning.system import FloatArray, Parameters
 
 REACHABLE_WITHIN = 1e-9
@@ -52,7 +53,7 @@ class Reachability:
     """
 
 
-def reachability(problem: Problem) -> Reachability:
+def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     r"""Return how near to its target `problem` can end, in the exact discrete dynamics of `step`.
 
     One step chooses the next velocity w from a set V(v), and the position follows: p' = p + dt*w.
@@ -90,6 +91,9 @@ def reachability(problem: Problem) -> Reachability:
 
     The cost grows with the square of the horizon. Propagation ends early where X_n can only grow
     (a start at v = 0 can wait) or a target can be held (v* = 0).
+
+    Raises:
+        Stopped: `stop` said so.
     """
     start, target = problem.initial_state, problem.target_state
     scale = max(1.0, float(np.abs(start).max()), float(np.abs(target).max()))
@@ -101,7 +105,9 @@ def reachability(problem: Problem) -> Reachability:
         problem.horizon,
         REACHABLE_WITHIN * scale,
         problem.system.parameters,
+        stop.flag,
     )
+    stop.check()
     reachable = floor <= REACHABLE_WITHIN * scale
     return Reachability(
         reachable=reachable,
@@ -123,6 +129,7 @@ def _propagate(
     horizon: int,
     tolerance: float,
     parameters: Parameters,
+    stopped: Flag,
 ) -> tuple[int, float, float, float]:
     """Return the first step within `tolerance` (-1: none), the floor and the nearest state."""
     uppers, lowers = [np.empty((1, 2))], [np.empty((1, 2))]
@@ -137,6 +144,8 @@ def _propagate(
         lowers.clear()
     first, floor, nearest_p, nearest_v = -1, math.inf, 0.0, 0.0
     for n in range(horizon + 1):
+        if stopped[0]:
+            break
         if n > 0:
             uppers, lowers, rests = _advance(uppers, lowers, rests, symmetric, parameters)
         within = math.inf if n == horizon else tolerance

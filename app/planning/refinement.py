@@ -18,6 +18,7 @@ from app.planning.objectives import TOLERANCE, Objective
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Cost, Problem
 from app.planning.repair import overwrite_best_window, switching_sequences
+from app.planning.stop import NEVER, Flag, Stop
 from app.planning.system import FloatArray, Parameters
 
 NUM_RESTARTS = 32
@@ -78,6 +79,7 @@ def refine(
     controls: FloatArray,
     options: Refinement,
     objective: Objective = "terminal_error",
+    stop: Stop = NEVER,
 ) -> Refined:
     """Lower the terminal errors of candidates `controls` (K, H), clipped to the bounds first.
 
@@ -102,6 +104,10 @@ def refine(
         controls: (K, H), m/s^2; left as they are.
         options: how much to spend.
         objective: what to want among plans that arrive.
+        stop: ends the refinement early.
+
+    Raises:
+        Stopped: `stop` said so.
     """
     limit = problem.system.control_limit
     refined = np.clip(np.asarray(controls, dtype=np.float64), -limit, limit)
@@ -114,6 +120,7 @@ def refine(
         len(refined) if options.num_refined is None else min(options.num_refined, len(refined)),
         options.repair,
         objective == "terminal_error",
+        stop.flag,
     )
     if objective in ("control_energy", "control_smoothness"):
         rollouts += _descend_equals(
@@ -124,7 +131,9 @@ def refine(
             problem.system.parameters,
             objective == "control_smoothness",
             options.iterations,
+            stop.flag,
         )
+    stop.check()
     return Refined(refined, errors_before, errors, replaced, rollouts)
 
 
@@ -138,6 +147,7 @@ def _refine(
     num_refined: int,
     repair: bool,
     one_is_enough: bool,
+    stopped: Flag,
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], int]:
     """Refine `controls` (K, H) in place."""
     position, velocity = initial_state[0], initial_state[1]
@@ -150,21 +160,30 @@ def _refine(
     rollouts = num_candidates
     chosen = np.argsort(errors)[:num_refined]
     for i in chosen:
-        errors[i], spent = arrive(controls[i], position, velocity, target, parameters, iterations)
+        errors[i], spent = arrive(
+            controls[i], position, velocity, target, parameters, iterations, stopped
+        )
         rollouts += spent
-        if errors[i] <= EXACT and one_is_enough:
+        if (errors[i] <= EXACT and one_is_enough) or stopped[0]:
             break
-    if repair and errors.min() > EXACT:
+    if repair and errors.min() > EXACT and not stopped[0]:
         worst = chosen[np.argmax(errors[chosen])]
         restart, error, spent = _restart(
-            position, velocity, target, parameters, iterations, controls.shape[1]
+            position, velocity, target, parameters, iterations, controls.shape[1], stopped
         )
         rollouts += spent
         if error < errors[worst]:
             controls[worst], errors[worst], replaced[worst] = restart, error, True
         best = chosen[np.argmin(errors[chosen])]
         error, spent = _overwrite_windows(
-            controls[best], position, velocity, target, parameters, iterations, errors[best]
+            controls[best],
+            position,
+            velocity,
+            target,
+            parameters,
+            iterations,
+            errors[best],
+            stopped,
         )
         rollouts += spent
         if error < errors[best]:
@@ -181,10 +200,13 @@ def _descend_equals(
     parameters: Parameters,
     roughness: bool,
     iterations: int,
+    stopped: Flag,
 ) -> int:
     """Descend the objective of the candidates that arrive as well as the best; return rollouts."""
     rollouts = 0
     for i in np.flatnonzero(errors <= errors.min() + TOLERANCE):
+        if stopped[0]:
+            break
         errors[i], spent = descend(
             controls[i],
             initial_state[0],
@@ -193,6 +215,7 @@ def _descend_equals(
             parameters,
             roughness,
             iterations,
+            stopped,
         )
         rollouts += spent
     return rollouts
@@ -206,6 +229,7 @@ def _restart(
     parameters: Parameters,
     iterations: int,
     horizon: int,
+    stopped: Flag,
 ) -> tuple[FloatArray, float, int]:
     """Return the best descent from a sequence of three stretches, its error and the rollouts."""
     stride = -(-horizon // RESTART_STRETCHES)
@@ -214,11 +238,13 @@ def _restart(
     )
     best, best_error = 0, np.inf
     for i in range(len(starts)):
-        error, spent = arrive(starts[i], position, velocity, target, parameters, iterations)
+        error, spent = arrive(
+            starts[i], position, velocity, target, parameters, iterations, stopped
+        )
         rollouts += spent
         if error < best_error:
             best, best_error = i, error
-        if best_error <= EXACT:
+        if best_error <= EXACT or stopped[0]:
             break
     return starts[best], best_error, rollouts
 
@@ -232,13 +258,14 @@ def _overwrite_windows(
     parameters: Parameters,
     iterations: int,
     error: float,
+    stopped: Flag,
 ) -> tuple[float, int]:
     """Overwrite windows of `controls` (H,) and descend, from the coarsest to the finest."""
     rollouts = 0
     for windows in (16, 32, FINEST_WINDOWS):
         stride = -(-controls.size // windows)
         for _ in range(MAX_WINDOWS):
-            if error <= EXACT:
+            if error <= EXACT or stopped[0]:
                 return error, rollouts
             before = error
             error, spent = overwrite_best_window(
@@ -247,6 +274,8 @@ def _overwrite_windows(
             rollouts += spent
             if error == before:
                 break
-            error, spent = arrive(controls, position, velocity, target, parameters, iterations)
+            error, spent = arrive(
+                controls, position, velocity, target, parameters, iterations, stopped
+            )
             rollouts += spent
     return error, rollouts

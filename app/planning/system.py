@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from app.compilation import compiled
@@ -14,6 +14,9 @@ from app.planning.options import OPTION_CHECKS, check_ranges
 FloatArray: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = tuple[float, float, float, float, float, float]
 
+LARGEST, SMALLEST = 1e6, 1e-6
+"""Of parameters and states: no plant comes near, and nothing computed from them overflows."""
+
 
 @dataclass(frozen=True, slots=True)
 class System:
@@ -21,17 +24,17 @@ class System:
 
     __pydantic_config__ = OPTION_CHECKS
 
-    static_friction: Annotated[float, Ge(0)] = 0.7
+    static_friction: Annotated[float, Ge(0), Le(LARGEST)] = 0.7
     """f_s, m/s^2: a mass at rest moves only if |u| exceeds it."""
-    coulomb_friction: Annotated[float, Ge(0)] = 0.6
+    coulomb_friction: Annotated[float, Ge(0), Le(LARGEST)] = 0.6
     """f_c, m/s^2: opposes the motion."""
-    viscous_damping: Annotated[float, Ge(0)] = 0.05
+    viscous_damping: Annotated[float, Ge(0), Le(LARGEST)] = 0.05
     """b, 1/s."""
-    control_limit: Annotated[float, Gt(0)] = 0.9
+    control_limit: Annotated[float, Ge(SMALLEST), Le(LARGEST)] = 0.9
     """u_max, m/s^2: controls lie in [-u_max, u_max]."""
-    time_step: Annotated[float, Gt(0)] = 0.05
+    time_step: Annotated[float, Ge(SMALLEST), Le(LARGEST)] = 0.05
     """dt, s."""
-    velocity_threshold: Annotated[float, Gt(0)] = 1e-3
+    velocity_threshold: Annotated[float, Ge(SMALLEST), Le(LARGEST)] = 1e-3
     """eps_v, m/s: slower than this counts as at rest."""
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ import torch
 
 from app.benchmark.paper_sampler import PaperUNet, sample
 from app.inference.engine import Engine
+from app.inference.job import Job
 from app.inference.model_store import ModelStore, verify
 from app.planning.methods import ActionDiffusion
 from app.planning.problem import Problem
@@ -66,7 +67,8 @@ def test_the_engine_samples_the_same_controls_with_the_setting_of_the_paper(
     )
 
     method = ActionDiffusion(sampler="paper")
-    controls = method.propose(PROBLEM, 5, np.random.default_rng(3), engine.bind(model)).controls
+    proposal = engine.bind(model, Job(5 * method.cost(5).network_evaluations))
+    controls = method.propose(PROBLEM, 5, np.random.default_rng(3), proposal).controls
 
     expected = reference.numpy() * model.manifest.control_scale
     assert expected.std() > 0.1

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.api.rates import Rates
 from app.api.schemas import PlanRequest, PlanResponse
 from app.api.service import PlanningService
 from app.client.figures import draw_plan
@@ -24,7 +25,8 @@ REQUEST = PlanRequest.model_validate(
 
 
 def answer() -> PlanResponse:
-    return PlanningService(Settings(), ModelStore([]), Engine(1)).plan(REQUEST)
+    service = PlanningService(Settings(), ModelStore([]), Engine(1), Rates())
+    return service.plan(service.resolve(REQUEST))
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])

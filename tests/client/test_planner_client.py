@@ -10,6 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
+from app.api.rates import Rates
 from app.api.schemas import MultistepPlanRequest, PlanRequest, PlanResponse
 from app.api.service import PlanningService
 from app.client.planner_client import AsyncPlannerClient, PlannerClient, RequestRefused
@@ -50,7 +51,8 @@ def url(model_store: Path) -> Iterator[str]:
 
 
 def in_process(request: PlanRequest) -> PlanResponse:
-    return PlanningService(Settings(), ModelStore([]), Engine(1)).plan(request)
+    service = PlanningService(Settings(), ModelStore([]), Engine(1), Rates())
+    return service.plan(service.resolve(request))
 
 
 def without_times(answer: PlanResponse) -> dict[str, Any]:
@@ -198,6 +200,20 @@ def test_an_answer_that_breaks_off_is_asked_for_again(plan: Plan) -> None:
     script = Script(httpx.Response(200, stream=BrokenOff()), answered())
     assert plan(UNIFORM, transport=script).seed == 7
     assert len(script.asked) == 2
+
+
+@with_both_clients
+@pytest.mark.parametrize("key", [None, "first-key-0123456789"])
+def test_the_key_goes_along(plan: Plan, key: str | None) -> None:
+    sent: list[str | None] = []
+
+    def handle(request: httpx.Request) -> httpx.Response:
+        sent.append(request.headers.get("authorization"))
+        return unwilling(401)
+
+    with pytest.raises(RequestRefused, match=r"\(401\)"):
+        plan(UNIFORM, transport=httpx.MockTransport(handle), api_key=key)
+    assert sent == [key and f"Bearer {key}"]
 
 
 @with_both_clients

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor, nn
 
 from app.inference.compiled_network import CompiledNetwork, UnsuitableNetwork, derive
-from app.inference.network import Network, ScriptedNetwork
+from app.inference.network import Network
 from app.inference.row_threads import RowThreads
+from app.inference.scripted_network import ScriptedNetwork
 from training.config import NetworkConfig
 from training.export import to_torchscript
 from training.unet import UNet
@@ -44,7 +45,7 @@ def scripted(unet: nn.Module) -> torch.jit.ScriptModule:
 
 def derived(unet: nn.Module, horizon: int = 16) -> CompiledNetwork:
     script = scripted(unet)
-    return derive(script, ScriptedNetwork(script), horizon, TIMES, THREADS)
+    return derive(script, ScriptedNetwork(script, THREADS), horizon, TIMES, THREADS)
 
 
 def rows(network: Network, horizon: int = 64) -> tuple[Tensor, Tensor, Tensor]:
@@ -66,7 +67,7 @@ def test_it_predicts_what_the_checkpoint_does(channels: int) -> None:
     network = CompiledNetwork(script, TIMES, THREADS)
 
     for horizon in (8, 16, 24, 40, 64):
-        expected = predicted(ScriptedNetwork(script), horizon)
+        expected = predicted(ScriptedNetwork(script, THREADS), horizon)
 
         assert expected.std() > 0.1
         torch.testing.assert_close(predicted(network, horizon), expected, rtol=0, atol=1e-4)
@@ -98,7 +99,7 @@ def test_a_suitable_network_is_derived() -> None:
     for horizon in (8, 24, 64):
         torch.testing.assert_close(
             predicted(derived(unet, horizon), horizon),
-            predicted(ScriptedNetwork(scripted(unet)), horizon),
+            predicted(ScriptedNetwork(scripted(unet), THREADS), horizon),
             rtol=0,
             atol=1e-4,
         )
@@ -177,7 +178,7 @@ def test_layers_of_other_sizes_are_refused(change: Change, reason: str) -> None:
     """Before the kernel, which checks no bounds, reads a single weight."""
     unet = random_unet()
     change(unet)
-    assert torch.all(torch.isfinite(predicted(ScriptedNetwork(scripted(unet)))))
+    assert torch.all(torch.isfinite(predicted(ScriptedNetwork(scripted(unet), THREADS))))
 
     with pytest.raises(UnsuitableNetwork, match=reason):
         derived(unet)

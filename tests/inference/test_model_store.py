@@ -1,6 +1,7 @@
 import hashlib
 import io
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from app.inference.model_store import (
     find_versions,
     verify,
 )
+from app.inference.pace import SIZES
 from app.inference.row_threads import RowThreads
 from app.planning.system import System
 from app.settings import SHIPPED_MODELS
@@ -248,6 +250,46 @@ def test_verifying_returns_the_very_bytes_that_were_hashed(
 
     assert content == checkpoint
     assert hashlib.sha256(content).hexdigest() == manifest.sha256
+
+
+def test_loading_again_keeps_what_is_the_same_and_loads_what_is_new(
+    store: Path, publish: Callable[..., Path], other_checkpoint: bytes
+) -> None:
+    publish("same")
+    publish("gone")
+    changed = publish("changed")
+    before = ModelStore.load(store, CPU, THREADS)
+    (store / "gone" / "1" / MANIFEST_FILE).unlink()
+    shutil.rmtree(changed)
+    publish("changed", content=other_checkpoint)
+    publish("same", 2)
+
+    after = ModelStore.load(store, CPU, THREADS, before.models)
+
+    assert [model.label for model in after.models] == ["changed/1", "same/2", "same/1"]
+    assert after.find("same/1") is before.find("same/1")
+    assert_answers_as(after.find("changed"), other_checkpoint)
+    assert_answers_as(before.find("changed"), (store / "same" / "1" / CHECKPOINT_FILE).read_bytes())
+
+
+def test_a_model_whose_checkpoint_was_damaged_since_is_refused_though_it_is_loaded(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    folder = publish()
+    before = ModelStore.load(store, CPU, THREADS)
+    (folder / CHECKPOINT_FILE).write_bytes(b"damaged")
+
+    with pytest.raises(ModelRejected, match="changed or damaged"):
+        ModelStore.load(store, CPU, THREADS, before.models)
+
+
+def test_a_model_comes_with_its_pace(store: Path, publish: Callable[..., Path]) -> None:
+    publish()
+
+    (model,) = ModelStore.load(store, CPU, THREADS).models
+
+    assert model.pace.rows_at_once in SIZES
+    assert model.pace.seconds_per_row > 0
 
 
 @pytest.fixture(scope="module")

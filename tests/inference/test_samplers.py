@@ -1,7 +1,7 @@
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pytest
 import torch
@@ -13,11 +13,10 @@ from app.inference.samplers import (
     CLEAN,
     SAMPLERS,
     InvalidStepCount,
-    NoisePredictor,
+    Steps,
     ddim,
     dpm_solver,
     even_times,
-    guided,
     middle_times,
 )
 
@@ -27,8 +26,22 @@ ALPHAS = [math.cos((t + 2) / 205 * math.pi / 2) ** 2 for t in range(T)]
 MEAN, STD = 0.3, 0.2
 UNBOUNDED = 1e12
 
-Solver: TypeAlias = Callable[..., Tensor]
+Solver: TypeAlias = Callable[..., Steps]
+NoisePredictor: TypeAlias = Callable[[Tensor, int], Tensor]
+"""eps(u_t (K, H), t): the predicted noise (K, H)."""
 every_solver = pytest.mark.parametrize("solve", [ddim, dpm_solver])
+
+
+def run(solve: Solver, predict_noise: NoisePredictor, *args: Any, **options: Any) -> Tensor:
+    """Give a sampler all the predictions that it asks for; return its controls."""
+    steps = solve(*args, **options)
+    asked = next(steps)
+    while True:
+        try:
+            asked = steps.send(predict_noise(*asked))
+        except StopIteration as done:
+            controls: Tensor = done.value
+            return controls
 
 
 def optimal_denoiser(mean: float, std: float, alphas: Sequence[float] = ALPHAS) -> NoisePredictor:
@@ -56,7 +69,7 @@ def spread(times: list[int], std: float) -> float:
 
 
 def sample(noise: Tensor, steps: int, bound: float = UNBOUNDED) -> Tensor:
-    return ddim(optimal_denoiser(MEAN, STD), noise, even_times(T, steps), ALPHAS, bound)
+    return run(ddim, optimal_denoiser(MEAN, STD), noise, even_times(T, steps), ALPHAS, bound)
 
 
 @pytest.mark.parametrize("steps", range(1, T + 1))
@@ -88,8 +101,13 @@ def test_ddim_recovers_the_spread_of_the_data_as_steps_grow() -> None:
 def test_controls_stay_finite_and_within_the_bound(solve: Solver, steps: int) -> None:
     noise = 3 * torch.randn(4, 64, generator=torch.Generator().manual_seed(0))
 
-    controls = solve(
-        lambda u, t: torch.sin(7 * u + t), noise, even_times(T, steps), ALPHAS, bound=0.5
+    controls = run(
+        solve,
+        lambda u, t: torch.sin(7 * u + t),
+        noise,
+        even_times(T, steps),
+        ALPHAS,
+        bound=0.5,
     )
 
     assert torch.all(torch.isfinite(controls))
@@ -101,7 +119,7 @@ def test_controls_stay_finite_and_within_the_bound(solve: Solver, steps: int) ->
 def test_controls_keep_within_one_unless_told_otherwise(solve: Solver) -> None:
     noise = torch.linspace(-3, 3, 8).reshape(1, 8)
 
-    controls = solve(lambda u, _: -u, noise, even_times(T, 5), ALPHAS)
+    controls = run(solve, lambda u, _: -u, noise, even_times(T, 5), ALPHAS)
 
     assert controls.abs().max() == 1.0
 
@@ -114,7 +132,7 @@ def test_the_last_step_ends_at_the_clean_sequence_without_noise(solve: Solver) -
     noise = math.sqrt(ALPHAS[-1]) * clean + math.sqrt(1 - ALPHAS[-1]) * epsilon
 
     for steps in (1, 2, 7, 200):
-        controls = solve(lambda _u, _t: epsilon, noise, even_times(T, steps), ALPHAS)
+        controls = run(solve, lambda _u, _t: epsilon, noise, even_times(T, steps), ALPHAS)
         torch.testing.assert_close(controls, clean, rtol=0, atol=1e-9)
 
 
@@ -128,7 +146,7 @@ def test_the_noise_is_derived_anew_from_the_clamped_sequence() -> None:
         seen.append(u)
         return torch.tensor([[-2.0, 0.1]], dtype=torch.float64)
 
-    ddim(predict_noise, u, times, ALPHAS, bound)
+    run(ddim, predict_noise, u, times, ALPHAS, bound)
 
     alpha, next_alpha = ALPHAS[150], ALPHAS[60]
     clamped = 0.5
@@ -152,7 +170,7 @@ def test_each_time_is_predicted_at_once_and_the_noise_left_alone(solve: Solver) 
         asked.append(t)
         return u
 
-    solve(predict_noise, noise, times, ALPHAS)
+    run(solve, predict_noise, noise, times, ALPHAS)
 
     assert asked == times[:-1]
     assert torch.all(noise == 1)
@@ -171,7 +189,8 @@ def miss(solve: Solver, steps: int) -> float:
     """
     alphas = schedule(steps)
     noise = torch.tensor([[0.0], [1.0]], dtype=torch.float64) + math.sqrt(alphas[-1]) * MEAN
-    low, high = solve(
+    low, high = run(
+        solve,
         optimal_denoiser(MEAN, STD, alphas),
         noise,
         [*range(steps, -1, -1), CLEAN],
@@ -198,7 +217,7 @@ def test_dpm_solver_is_linear_in_the_offsets_and_recovers_the_spread_of_the_data
 
     def factor(steps: int) -> float:
         predict_noise = optimal_denoiser(MEAN, STD)
-        controls = dpm_solver(predict_noise, noise, even_times(T, steps), ALPHAS, UNBOUNDED)
+        controls = run(dpm_solver, predict_noise, noise, even_times(T, steps), ALPHAS, UNBOUNDED)
         found = float((controls[0, 0] - MEAN) / offsets[0, 0])
         torch.testing.assert_close(controls, MEAN + found * offsets, rtol=1e-9, atol=1e-9)
         return found
@@ -217,7 +236,8 @@ def test_up_to_two_steps_dpm_solver_is_ddim(times: list[int], same: bool) -> Non
     noise = torch.randn(4, 16, generator=torch.Generator().manual_seed(2))
 
     first, second = (
-        solve(lambda u, t: torch.sin(u + t), noise, times, ALPHAS) for solve in (ddim, dpm_solver)
+        run(solve, lambda u, t: torch.sin(u + t), noise, times, ALPHAS)
+        for solve in (ddim, dpm_solver)
     )
 
     assert torch.equal(first, second) == same
@@ -232,7 +252,9 @@ def test_dpm_solver_steps_to_a_clean_sequence_extrapolated_in_the_log_ratio() ->
         seen.append(float(u))
         return (u - math.sqrt(ALPHAS[t]) * cleans[t]) / math.sqrt(1 - ALPHAS[t])
 
-    result = dpm_solver(predict_noise, torch.tensor([[0.7]], dtype=torch.float64), times, ALPHAS)
+    result = run(
+        dpm_solver, predict_noise, torch.tensor([[0.7]], dtype=torch.float64), times, ALPHAS
+    )
 
     signal = {t: math.sqrt(ALPHAS[t]) for t in cleans}
     sigma = {t: math.sqrt(1 - ALPHAS[t]) for t in cleans}
@@ -305,78 +327,3 @@ def test_middle_times_fall_strictly_for_every_step_count_and_others_are_refused(
     for steps in (-1, 0, available + 1):
         with pytest.raises(InvalidStepCount, match=f"from 1 to {available}, "):
             middle_times(num_timesteps, steps)
-
-
-class FakeNetwork:
-    """Answers 1 for rows with their condition and 10 for rows without, and remembers."""
-
-    def __init__(self) -> None:
-        self.embedded: list[Tensor] = []
-        self.calls: list[tuple[Tensor, Tensor, Tensor]] = []
-
-    def embed(self, condition: Tensor) -> Tensor:
-        self.embedded.append(condition)
-        return torch.stack([condition, torch.zeros(4)])
-
-    def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
-        self.calls.append((u_t.clone(), t.clone(), embedding))
-        return torch.where(embedding.any(dim=1, keepdim=True), 1.0, 10.0) * u_t
-
-
-CONDITION = torch.tensor([0.1, 0.2, 0.3, 0.4])
-NOISE = torch.arange(15, dtype=torch.float32).reshape(3, 5)
-
-
-def test_guidance_of_one_is_one_conditional_prediction() -> None:
-    network = FakeNetwork()
-
-    prediction = guided(network, CONDITION, 1.0, 3)(NOISE, 17)
-
-    ((u, t, embedding),) = network.calls
-    assert torch.equal(u, NOISE)
-    assert t.tolist() == [17] * 3
-    assert t.dtype == torch.int64
-    assert torch.equal(embedding, CONDITION.repeat(3, 1))
-    torch.testing.assert_close(prediction, NOISE)
-
-
-def test_guidance_of_nought_is_one_unconditional_prediction() -> None:
-    network = FakeNetwork()
-
-    prediction = guided(network, CONDITION, 0.0, 3)(NOISE, 17)
-
-    ((u, _, embedding),) = network.calls
-    assert torch.equal(u, NOISE)
-    assert not embedding.any()
-    torch.testing.assert_close(prediction, 10 * NOISE)
-
-
-@pytest.mark.parametrize("scale", [0.5, 2.0, 7.5])
-def test_guidance_weighs_both_predictions_from_one_batch(scale: float) -> None:
-    network = FakeNetwork()
-
-    prediction = guided(network, CONDITION, scale, 3)(NOISE, 17)
-
-    ((u, t, embedding),) = network.calls
-    assert t.tolist() == [17] * 6
-    keep = embedding.any(dim=1)
-    assert sorted(keep.tolist()) == [False] * 3 + [True] * 3
-    assert torch.equal(embedding[keep], CONDITION.repeat(3, 1))
-    assert torch.equal(u[keep], NOISE)
-    assert torch.equal(u[~keep], NOISE)
-    # eps_uncond + s (eps_cond - eps_uncond)
-    torch.testing.assert_close(prediction, 10 * NOISE + scale * (1 - 10) * NOISE)
-
-
-@every_solver
-@pytest.mark.parametrize(("scale", "rows"), [(0.0, 3), (1.0, 3), (2.0, 6)])
-def test_a_guided_sampling_embeds_once_and_makes_one_call_a_step(
-    solve: Solver, scale: float, rows: int
-) -> None:
-    network = FakeNetwork()
-    times = even_times(T, 12)
-
-    solve(guided(network, CONDITION, scale, 3), NOISE, times, ALPHAS)
-
-    assert len(network.embedded) == 1
-    assert [t.tolist() for _, t, _ in network.calls] == [[time] * rows for time in times[:-1]]

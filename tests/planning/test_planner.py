@@ -24,6 +24,7 @@ from app.planning.problem import (
     as_state,
 )
 from app.planning.refinement import Refinement
+from app.planning.stop import NEVER, Stop
 from app.planning.system import FloatArray, System, rollout
 
 SYSTEM = System()
@@ -62,6 +63,7 @@ class Fixed:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         self.problems.append(problem)
         return Candidates(self.controls)

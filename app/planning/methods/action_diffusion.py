@@ -9,6 +9,7 @@ from annotated_types import Ge, Le
 from app.planning.methods.base import LearnedProposal
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Stop
 
 Sampler: TypeAlias = Literal["dpm_solver", "ddim", "paper"]
 Solver: TypeAlias = Literal["dpm_solver", "ddim"]
@@ -71,6 +72,7 @@ class ActionDiffusion:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Denoise (K, H) standard normal draws of `rng` into controls.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from app.planning.metrics import terminal_error
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Stop
 from app.planning.system import FloatArray, rollout
 
 
@@ -39,8 +40,13 @@ class Method(Protocol):
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
-        """Return controls of shape (num_candidates, problem.horizon); the planner clips them."""
+        """Return controls of shape (num_candidates, problem.horizon); the planner clips them.
+
+        Raises:
+            Stopped: `stop` said so.
+        """
         ...
 
     def cost(self, num_candidates: int) -> Cost:
@@ -57,6 +63,7 @@ class Optimiser(Method, Protocol):
         num_candidates: int,
         rng: np.random.Generator,
         initial_controls: FloatArray | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Return controls (K, H) no worse at best than `initial_controls` (K, H), m/s^2.
 
@@ -64,6 +71,7 @@ class Optimiser(Method, Protocol):
         the control limits. `cost` is the same either way.
 
         Raises:
+            Stopped: `stop` said so.
             ValueError: the initial controls are not of shape (K, H).
         """
         ...

@@ -6,11 +6,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
 
 from app.compilation import compiled
 from app.planning.methods.base import LearnedProposal, check_initial_controls
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Flag, Stop
 from app.planning.system import FloatArray, Parameters, terminal_state
 
 
@@ -46,9 +48,10 @@ class CEM:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Return the last population (K, H), with the best sequence of all iterations in it."""
-        return self.improve(problem, num_candidates, rng, None)
+        return self.improve(problem, num_candidates, rng, None, stop)
 
     def improve(
         self,
@@ -56,6 +59,7 @@ class CEM:
         num_candidates: int,
         rng: np.random.Generator,
         initial_controls: FloatArray | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Do as `propose` does, with `initial_controls` (K, H) for the first population, if given.
 
@@ -79,7 +83,9 @@ class CEM:
             min(num_candidates, max(2, int(self.elite_fraction * num_candidates))),
             float(self.initial_std),
             float(self.min_std),
+            stop.flag,
         )
+        stop.check()
         return Candidates(population)
 
     def cost(self, num_candidates: int) -> Cost:
@@ -100,6 +106,7 @@ def _optimise(
     num_elites: int,
     initial_std: float,
     min_std: float,
+    stopped: Flag,
 ) -> FloatArray:
     """Return the last population; the first is `first` (K, H), or drawn where that is (0, H)."""
     limit = parameters[3]
@@ -110,6 +117,8 @@ def _optimise(
     best = np.zeros(horizon)
     best_error = np.inf
     for iteration in range(iterations):
+        if stopped[0]:
+            return population
         for candidate in range(num_candidates):
             if iteration == 0 and first.shape[0] > 0:
                 population[candidate] = first[candidate]
@@ -135,7 +144,7 @@ def _optimise(
 @compiled
 def _refit(
     population: FloatArray,
-    elites: "np.ndarray[tuple[int], np.dtype[np.int64]]",
+    elites: NDArray[np.int64],
     mean: FloatArray,
     std: FloatArray,
     min_std: float,

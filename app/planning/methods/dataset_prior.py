@@ -9,6 +9,7 @@ from app.planning.methods.base import LearnedProposal
 from app.planning.options import OPTION_CHECKS
 from app.planning.prior import ControlPrior
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Stop
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +27,7 @@ class DatasetPrior:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Draw (K, H) controls from the prior."""
         limit = problem.system.control_limit

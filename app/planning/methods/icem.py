@@ -9,6 +9,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from app.planning.methods.base import LearnedProposal, check_initial_controls, score
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Stop
 from app.planning.system import FloatArray
 
 
@@ -54,9 +55,10 @@ class ICEM:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Return the best K sequences (K, H) of all iterations, the best first."""
-        return self.improve(problem, num_candidates, rng, None)
+        return self.improve(problem, num_candidates, rng, None, stop)
 
     def improve(
         self,
@@ -64,6 +66,7 @@ class ICEM:
         num_candidates: int,
         rng: np.random.Generator,
         initial_controls: FloatArray | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Do as `propose` does, with `initial_controls` (K, H) for the first population, if given.
 
@@ -83,11 +86,13 @@ class ICEM:
         scored = score(problem, population)
         seen, elites = scored.best(num_candidates), scored.best(num_elites)
         for iteration, size in enumerate(sizes[1:], start=1):
+            stop.check()
             mean = (1 - self.momentum) * elites.controls.mean(axis=0) + self.momentum * mean
             std = (1 - self.momentum) * elites.controls.std(axis=0) + self.momentum * std
             population = _draw(rng, size, mean, std, self.noise_exponent, limit)
             if iteration == self.iterations - 1:
                 population[0] = mean
+            stop.check()
             scored = score(problem, population)
             seen = seen.with_(scored).best(num_candidates)
             kept = elites.best(int(self.kept_elite_fraction * num_elites))

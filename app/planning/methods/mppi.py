@@ -14,6 +14,7 @@ from app.planning.methods.base import LearnedProposal, check_initial_controls, s
 from app.planning.methods.icem import coloured_noise
 from app.planning.options import OPTION_CHECKS, check_ranges
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Stop
 from app.planning.system import FloatArray
 
 
@@ -56,9 +57,10 @@ class MPPI:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Return the best K (K, H) of all samples and the last nominal sequence, best first."""
-        return self.improve(problem, num_candidates, rng, None)
+        return self.improve(problem, num_candidates, rng, None, stop)
 
     def improve(
         self,
@@ -66,6 +68,7 @@ class MPPI:
         num_candidates: int,
         rng: np.random.Generator,
         initial_controls: FloatArray | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Do as `propose` does, with `initial_controls` (K, H) for the first samples, if given.
 
@@ -82,11 +85,13 @@ class MPPI:
             nominal = first.mean(axis=0)
         seen = score(problem, np.empty((0, problem.horizon)))
         for iteration in range(self.iterations):
+            stop.check()
             if first is not None and iteration == 0:
                 samples = first
             else:
                 noise = coloured_noise(rng, num_candidates, problem.horizon, self.noise_exponent)
                 samples = np.clip(nominal + self.noise_std * limit * noise, -limit, limit)
+            stop.check()
             scored = score(problem, samples)
             seen = seen.with_(scored).best(num_candidates)
             update = path_integral_weights(scored.errors, self.temperature) @ samples - nominal

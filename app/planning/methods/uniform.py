@@ -8,6 +8,7 @@ import numpy as np
 from app.planning.methods.base import LearnedProposal
 from app.planning.options import OPTION_CHECKS
 from app.planning.problem import Candidates, Cost, Problem
+from app.planning.stop import NEVER, Stop
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,7 @@ class Uniform:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         """Draw (K, H) controls, independent and uniform on [-u_max, u_max]."""
         limit = problem.system.control_limit

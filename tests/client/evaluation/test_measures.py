@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from app.api.rates import Rates
 from app.api.schemas import MultistepPlanRequest, PlanRequest
 from app.api.service import PlanningService
 from app.client.evaluation.answer_log import Answer
@@ -23,12 +24,12 @@ REQUEST: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def service() -> PlanningService:
-    return PlanningService(Settings(), ModelStore([]), Engine(1))
+    return PlanningService(Settings(), ModelStore([]), Engine(1), Rates())
 
 
 def test_a_plan_s_measures(service: PlanningService) -> None:
     request = PlanRequest.model_validate(REQUEST | {"target_state": (9, 0)})
-    answer = service.plan(request)
+    answer = service.plan(service.resolve(request))
 
     row = measures(Answer(answer.model_dump(mode="json", exclude_none=True), latency_ms=12.5))
 
@@ -48,7 +49,7 @@ def test_a_plan_s_measures(service: PlanningService) -> None:
 def test_a_sequence_s_measures_are_of_all_its_plans(service: PlanningService) -> None:
     targets = [(0.4, 0), (-0.2, 0)]
     request = MultistepPlanRequest.model_validate(REQUEST | {"targets": targets})
-    answer = service.plan_multistep(request)
+    answer = service.plan_multistep(service.resolve(request))
 
     row = measures(Answer(answer.model_dump(mode="json", exclude_none=True), latency_ms=12.5))
 

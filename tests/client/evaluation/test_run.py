@@ -61,9 +61,12 @@ class Recorder:
             body = await Request(scope, receive).body()
             self.asked.append(body)
             await asyncio.sleep(self._delay_s)
+            again = iter([body])
 
             async def repeat() -> Message:
-                return {"type": "http.request", "body": body, "more_body": False}
+                for once in again:
+                    return {"type": "http.request", "body": once, "more_body": False}
+                return await receive()
 
             await app(scope, repeat, send)
 

@@ -9,6 +9,7 @@ from app.planning.methods.base import LearnedProposal, Method, Optimiser, score
 from app.planning.plan import Plan
 from app.planning.planner import plan
 from app.planning.problem import Candidates, Cost, PlanningError, Problem
+from app.planning.stop import NEVER, Stop
 from app.planning.system import FloatArray, rollout
 
 TASK = Problem(np.zeros(2), np.array([0.5, 0.0]))
@@ -30,6 +31,7 @@ class Fixed:
         num_candidates: int,
         rng: np.random.Generator,
         learned: LearnedProposal | None,
+        stop: Stop = NEVER,
     ) -> Candidates:
         return Candidates(self.controls, queue_ms=2.5)
 

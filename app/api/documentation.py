@@ -1,0 +1,52 @@
+"""OpenAPI for what FastAPI does not see: the problem's schema, and what the middleware answers."""
+
+from collections.abc import Collection
+from typing import Any
+
+from fastapi import FastAPI
+
+from app.api.errors import MEDIA_TYPE
+from app.api.keys import is_public
+from app.api.schemas import Problem
+
+SCHEMAS = "#/components/schemas/"
+SECURITY_SCHEME = "API key"
+
+
+def document_middleware(app: FastAPI, private_except: Collection[str] | None) -> None:
+    """Let `app.openapi()` tell of problems, slow bodies and keys.
+
+    Args:
+        app: its schema is extended.
+        private_except: the paths that need no API key; None where no path needs one.
+    """
+    build = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            _extend(build(), private_except)
+        return build()
+
+    app.openapi = openapi  # type: ignore[method-assign]  # as FastAPI's documentation does
+
+
+def _extend(document: dict[str, Any], private_except: Collection[str] | None) -> None:
+    problem = Problem.model_json_schema(ref_template=SCHEMAS + "{model}")
+    document["components"]["schemas"] |= problem.pop("$defs") | {Problem.__name__: problem}
+    if private_except is not None:
+        document["components"]["securitySchemes"] = {
+            SECURITY_SCHEME: {"type": "http", "scheme": "bearer"}
+        }
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            answers = operation["responses"]
+            if "requestBody" in operation:
+                answers["408"] = _problem("The body did not arrive in time.")
+            if private_except is not None and not is_public(path, private_except):
+                operation["security"] = [{SECURITY_SCHEME: []}]
+                answers["401"] = _problem("No valid API key was sent.")
+
+
+def _problem(description: str) -> dict[str, Any]:
+    schema = {"$ref": SCHEMAS + Problem.__name__}
+    return {"description": description, "content": {MEDIA_TYPE: {"schema": schema}}}

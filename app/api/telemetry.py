@@ -1,0 +1,106 @@
+"""One log line and one count for each HTTP request, whatever becomes of it."""
+
+import logging
+import re
+from time import perf_counter
+from typing import Any
+
+from asgi_correlation_id import correlation_id
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.admission import NONE
+from app.api.metrics import Metrics
+
+CLIENT_GONE = 499
+"""The status that nginx gave to requests whose client hung up before the answer."""
+
+HTTP_METHODS = {"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"}
+REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,128}")
+
+log = logging.getLogger("breakaway.access")
+
+
+def is_request_id(text: str) -> bool:
+    """Say whether a client's X-Request-ID can go into logs and headers as it is."""
+    return REQUEST_ID.fullmatch(text) is not None
+
+
+class Telemetry:
+    """Measure, count and log each request.
+
+    What it leaves in `request.state`:
+
+    arrived: `time.perf_counter()` when the request's head was there; deadlines count from it.
+    log_fields: a dict that a handler adds to. All of it goes into the request's log line, so no
+        key may be a `logging.LogRecord`'s own (`name`, `args`, ...). Some go into the metrics, too:
+        `method` (a planning method's name) and `model` ("name/version"), once resolved, are labels;
+        `queue_ms` is how long the plan waited, `rejected` the reason why there is none.
+    """
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app = app
+        self.metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        arrived = perf_counter()
+        fields: dict[str, Any] = {}
+        scope["state"] = {**scope.get("state", {}), "arrived": arrived, "log_fields": fields}
+        status: int | None = None
+
+        async def observed_receive() -> Message:
+            nonlocal status
+            message = await receive()
+            if message["type"] == "http.disconnect" and status is None:
+                status = CLIENT_GONE
+            return message
+
+        async def observed_send(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start" and status is None:
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self.app(scope, observed_receive, observed_send)
+        finally:  # an exception without a status: Starlette answers 500 outside of here
+            self._record(scope, fields, status or 500, perf_counter() - arrived)
+
+    def _record(self, scope: Scope, fields: dict[str, Any], status: int, seconds: float) -> None:
+        route = _route(scope)
+        verb = scope["method"] if scope["method"] in HTTP_METHODS else "other"
+        model = fields.get("model", NONE)
+        self.metrics.observe_request(
+            route=route,
+            http_method=verb,
+            status=status,
+            seconds=seconds,
+            method=fields.get("method", NONE),
+            model=model,
+        )
+        if "rejected" in fields:
+            self.metrics.rejected(fields["rejected"], model)
+        if "queue_ms" in fields:
+            self.metrics.observe_queue(model, fields["queue_ms"] / 1e3)
+        line = {
+            "request_id": correlation_id.get(),
+            "route": route,
+            "http_method": scope["method"],
+            "path": scope["path"],
+            "status": status,
+            "duration_ms": round(seconds * 1e3, 3),
+        }
+        log.info("%s %s %d", scope["method"], scope["path"], status, extra={**fields, **line})
+
+
+def _route(scope: Scope) -> str:
+    """Return the template of the route that matched, never a client's own text."""
+    if route := scope.get("route"):
+        return str(route.path)
+    if "endpoint" not in scope:
+        return "unmatched"
+    # Starlette's own routes are not in the scope; those that FastAPI adds have no parameters.
+    mounted: str = scope["root_path"].removeprefix(scope.get("app_root_path", ""))
+    return mounted or str(scope["path"])

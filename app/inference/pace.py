@@ -1,0 +1,47 @@
+"""How fast a network takes rows, and how many at once it takes best; measured when it is loaded."""
+
+import math
+from time import perf_counter
+from typing import NamedTuple
+
+import torch
+
+from app.inference.network import CONDITION_SIZE, Network
+
+SIZES = (16, 32, 64, 128, 256)
+REPETITIONS = 7
+OVERHEAD_SECONDS = 2e-4
+"""What the engine does around each pass takes about so long."""
+TOLERANCE = 1.1
+"""Up to this much above the least time a row is as good: the fewer rows a tick takes, the sooner
+the next one begins, with whoever has come meanwhile."""
+
+
+class Pace(NamedTuple):
+    """What a network does best."""
+
+    rows_at_once: int
+    """The fewest rows with which a row takes about the least time."""
+    seconds_per_row: float
+
+
+@torch.inference_mode()
+def measure_pace(network: Network, horizon: int, device: torch.device) -> Pace:
+    """Run batches of all `SIZES`, some tenths of a second; the least times are the least noisy."""
+    embedding = network.embed(torch.zeros(CONDITION_SIZE, device=device))
+
+    def seconds_per_row(rows: int) -> float:
+        u_t = torch.zeros(rows, horizon, device=device)
+        times = torch.zeros(rows, dtype=torch.int64, device=device)
+        embeddings = embedding[:1].expand(rows, -1).contiguous()
+        least = math.inf
+        for _ in range(REPETITIONS):
+            started = perf_counter()
+            # A GPU is done only when its answer is here.
+            network.predict(u_t, times, embeddings).cpu()
+            least = min(least, perf_counter() - started)
+        return (least + OVERHEAD_SECONDS) / rows
+
+    paces = [Pace(rows, seconds_per_row(rows)) for rows in SIZES]
+    least = min(pace.seconds_per_row for pace in paces)
+    return next(pace for pace in paces if pace.seconds_per_row <= TOLERANCE * least)

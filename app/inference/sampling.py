@@ -1,0 +1,123 @@
+"""One sampling on its way through the network: rows that wait for a prediction, step after step.
+
+Prepare, step, finish: nothing here runs the network. Whoever does may take any number of the rows
+that wait, beside rows of other samplings.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from app.inference.job import Job
+from app.inference.model_store import Model
+from app.inference.samplers import SAMPLERS
+from app.planning.problem import PlanningError, Problem
+from app.planning.system import FloatArray
+
+
+class Rows(NamedTuple):
+    """Rows of a batch: the arguments of `Network.predict`."""
+
+    u_t: Tensor
+    """(B, H)."""
+    times: Tensor
+    """(B,) int64."""
+    embedding: Tensor
+    """(B, E)."""
+
+
+class Sampling:
+    """Controls in the making, with classifier-free guidance (Ho and Salimans 2022; paper, Eq. 4).
+
+    The unconditional and the conditional prediction of a candidate are rows like others; where the
+    guidance scale leaves only one of them (0 or 1), the other is not asked for.
+
+    Args:
+        job: whose work this is.
+        model: predicts the noise.
+        problem: start and target.
+        noise: (K, H), standard normal.
+        sampler: a name of `SAMPLERS`.
+        steps: of the sampler.
+        guidance_scale: s.
+
+    Raises:
+        InvalidStepCount: the model has fewer diffusion times than `steps`.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        model: Model,
+        problem: Problem,
+        noise: FloatArray,
+        sampler: str,
+        steps: int,
+        guidance_scale: float,
+    ) -> None:
+        self.job = job
+        self.model = model
+        self._guidance_scale = guidance_scale
+        alphas_cumprod = model.manifest.alphas_cumprod
+        times, solve = SAMPLERS[sampler]
+        self._steps = solve(
+            torch.tensor(noise, dtype=torch.float32, device=model.device),
+            times(len(alphas_cumprod), steps),
+            alphas_cumprod,
+        )
+        conditional, unconditional = model.network.embed(model.condition(problem))
+        needed = {0.0: [unconditional], 1.0: [conditional]}
+        self._embeddings = torch.stack(needed.get(guidance_scale, [unconditional, conditional]))
+        self._u_t, self._time = next(self._steps)
+        num_rows = len(self._embeddings) * len(noise)
+        # Row r belongs to candidate r % K and to embedding r // K.
+        self._predictions = self._u_t.new_empty(num_rows, self._u_t.shape[1])
+        self._predicted = 0
+        self.controls: FloatArray | None = None
+        """(K, H) in m/s^2, once they are done."""
+
+    @property
+    def rows_waiting(self) -> int:
+        """How many rows of this step are not predicted yet."""
+        return len(self._predictions) - self._predicted
+
+    def take(self, count: int) -> Rows:
+        """Return the next `count` rows."""
+        device = self._u_t.device
+        rows = torch.arange(self._predicted, self._predicted + count, device=device)
+        return Rows(
+            self._u_t[rows % len(self._u_t)],
+            torch.full((count,), self._time, dtype=torch.int64, device=device),
+            self._embeddings[rows // len(self._u_t)],
+        )
+
+    def give(self, predictions: Tensor) -> None:
+        """Take the predictions (N, H) of the rows taken last; after the step's last ones, go on.
+
+        Raises:
+            PlanningError: they are not finite.
+        """
+        if not torch.isfinite(predictions).all():
+            raise PlanningError(f"{self.model.label} predicts noise that is not finite")
+        count = len(predictions)
+        self._predictions[self._predicted : self._predicted + count] = predictions
+        self._predicted += count
+        self.job.rows_left -= count
+        if not self.rows_waiting:
+            self._step()
+
+    def _step(self) -> None:
+        predicted = self._predictions
+        if len(self._embeddings) > 1:
+            without, with_condition = predicted.chunk(2)
+            predicted = torch.lerp(without, with_condition, self._guidance_scale)
+        try:
+            self._u_t, self._time = self._steps.send(predicted)
+        except StopIteration as done:
+            controls: Tensor = done.value
+            scale = self.model.manifest.control_scale
+            self.controls = controls.cpu().numpy().astype(np.float64) * scale
+        else:
+            self._predicted = 0

@@ -1,0 +1,127 @@
+"""Bodies that are too large or too slow, over real sockets; and HEAD."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter, sleep
+
+import httpx
+import pytest
+
+from app.settings import Settings
+from tests.serving import serving
+
+TIMEOUT_S = 0.3
+HEAD = "POST /plan HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A client of a service without models with small limits."""
+    store = tmp_path_factory.mktemp("empty")
+    settings = Settings(model_store=store, max_body_bytes=1000, body_timeout_s=TIMEOUT_S)
+    with serving(settings) as client:
+        yield client
+
+
+@contextmanager
+def connected(client: httpx.Client) -> Iterator[socket.socket]:
+    address = (client.base_url.host, client.base_url.port)
+    with socket.create_connection(address, timeout=5) as connection:
+        yield connection
+
+
+def read_all(connection: socket.socket) -> str:
+    """Read until the other side closes."""
+    received = b""
+    while part := connection.recv(65536):
+        received += part
+    return received.decode()
+
+
+@pytest.mark.parametrize("sent", ["Content-Length: 20\r\n\r\n", "Content-Length: 20\r\n\r\n{"])
+def test_a_body_that_stops_is_answered_408(client: httpx.Client, sent: str) -> None:
+    with connected(client) as connection:
+        began = perf_counter()
+        connection.sendall((HEAD + sent).encode())
+        answer = read_all(connection)
+    assert TIMEOUT_S <= perf_counter() - began < TIMEOUT_S + 2
+    assert answer.startswith("HTTP/1.1 408 ")
+    assert "connection: close" in answer.lower()
+    assert "application/problem+json" in answer
+    assert "x-request-id" in answer
+
+
+def test_a_trickle_does_not_prolong_the_time(client: httpx.Client) -> None:
+    with connected(client) as connection:
+        connection.sendall((HEAD + "Transfer-Encoding: chunked\r\n\r\n").encode())
+        began = perf_counter()
+        connection.settimeout(0.02)
+        answer = b""
+        while not answer and perf_counter() - began < 5:
+            try:
+                connection.sendall(b"1\r\n \r\n")
+                answer = connection.recv(65536)
+            except TimeoutError:
+                continue
+    assert answer.startswith(b"HTTP/1.1 408 ")
+    assert perf_counter() - began < TIMEOUT_S + 2
+
+
+def test_a_slow_body_within_the_time_is_read(client: httpx.Client) -> None:
+    with connected(client) as connection:
+        connection.sendall((HEAD + "Connection: close\r\nContent-Length: 2\r\n\r\n{").encode())
+        sleep(TIMEOUT_S / 3)
+        connection.sendall(b"]")
+        assert read_all(connection).startswith("HTTP/1.1 400 ")
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        "Content-Length: 1001\r\n\r\n",
+        "Transfer-Encoding: chunked\r\n\r\n3e9\r\n" + " " * 1001 + "\r\n0\r\n\r\n",
+        "Transfer-Encoding: chunked\r\n\r\n" + ("64\r\n" + " " * 100 + "\r\n") * 11,
+        "Content-Length: 99999999999999999999\r\n\r\n",
+    ],
+)
+def test_a_large_body_is_refused_declared_or_chunked(client: httpx.Client, sent: str) -> None:
+    with connected(client) as connection:
+        connection.sendall((HEAD + sent).encode())
+        assert connection.recv(65536).startswith(b"HTTP/1.1 413 ")
+
+
+def test_more_than_was_announced_is_not_part_of_the_body(client: httpx.Client) -> None:
+    body = "{]"
+    with connected(client) as connection:
+        announced = f"Content-Length: {len(body)}\r\n\r\n{body}"
+        connection.sendall((HEAD + announced + "x" * 5000 + "\r\n\r\n").encode())
+        answer = read_all(connection)
+    assert answer.startswith("HTTP/1.1 400 ")
+    assert "Not JSON" in answer
+    assert answer.count("HTTP/1.1 ") == 2  # the rest is no request
+    assert answer.count("HTTP/1.1 400 ") == 2
+
+
+@pytest.mark.parametrize("path", ["/livez", "/metrics", "/docs", "/openapi.json"])
+def test_head_is_get_without_a_body(client: httpx.Client, path: str) -> None:
+    get, head = client.get(path), client.head(path)
+    assert head.status_code == get.status_code == 200
+    assert head.headers["content-type"] == get.headers["content-type"]
+    assert not head.content
+
+
+def test_other_verbs_are_told_which_there_are(client: httpx.Client) -> None:
+    for verb in ("OPTIONS", "DELETE", "HEAD", "GET"):
+        answer = client.request(verb, "/plan")
+        assert answer.status_code == 405
+        assert answer.headers["allow"] == "POST"
+
+
+def test_a_slow_body_is_documented(client: httpx.Client) -> None:
+    document = client.get("/openapi.json").json()
+    assert "Problem" in document["components"]["schemas"]
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            assert ("408" in operation["responses"]) == (path in ("/plan", "/plan_multistep"))
+            assert "401" not in operation["responses"]

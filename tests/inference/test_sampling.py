@@ -1,0 +1,188 @@
+"""One sampling: what it asks of the network, and what it makes of the answers."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from app.inference.job import Job
+from app.inference.samplers import SAMPLERS, InvalidStepCount
+from app.inference.sampling import Sampling
+from app.planning.problem import PlanningError
+from app.planning.system import FloatArray
+from tests.inference.fakes import HORIZON, TIMESTEPS, Asked, FakeNetwork, fake_model
+
+every_sampler = pytest.mark.parametrize("sampler", SAMPLERS)
+
+
+class Told:
+    """A network that answers 1 for rows with their condition and 10 for rows without."""
+
+    def __init__(self) -> None:
+        self.embedded: list[Tensor] = []
+        self.calls: list[tuple[Tensor, Tensor, Tensor]] = []
+
+    def embed(self, condition: Tensor) -> Tensor:
+        self.embedded.append(condition)
+        return torch.stack([condition, torch.zeros(4)])
+
+    def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
+        self.calls.append((u_t.clone(), t.clone(), embedding.clone()))
+        return torch.where(embedding.any(dim=1, keepdim=True), 1.0, 10.0) * u_t / 20
+
+
+def finish(sampling: Sampling, portions: Sequence[int] = ()) -> FloatArray:
+    """Take it through its model, these portions of rows first, then all that wait."""
+    left = list(portions)
+    while sampling.controls is None:
+        count = min(left.pop(), sampling.rows_waiting) if left else sampling.rows_waiting
+        sampling.give(sampling.model.network.predict(*sampling.take(count)))
+    return sampling.controls
+
+
+def expected(asked: Asked, factor: float, scale: float) -> FloatArray:
+    """Return what the sampler makes of predictions that are `factor` times its own sequence."""
+    alphas = fake_model(Told()).manifest.alphas_cumprod
+    times, solve = SAMPLERS[asked.sampler]
+    steps = solve(
+        torch.tensor(asked.noise, dtype=torch.float32), times(TIMESTEPS, asked.steps), alphas
+    )
+    u, _ = next(steps)
+    while True:
+        try:
+            u, _ = steps.send(factor * u)
+        except StopIteration as done:
+            controls: Tensor = done.value
+            return controls.double().numpy() * scale
+
+
+@every_sampler
+@pytest.mark.parametrize(
+    ("guidance_scale", "with_condition"), [(1.0, True), (0.0, False)], ids=["one", "nought"]
+)
+def test_guidance_of_one_or_nought_asks_for_one_prediction_of_each_candidate(
+    sampler: str, guidance_scale: float, with_condition: bool
+) -> None:
+    network = Told()
+    asked = Asked(3, 4, sampler, guidance_scale)
+
+    controls = finish(asked.of(fake_model(network, scale=0.5)))
+
+    (condition,) = network.embedded
+    for u_t, _, embedding in network.calls:
+        assert u_t.shape == (3, HORIZON)
+        assert torch.equal(embedding, with_condition * condition.expand(3, -1))
+    assert torch.equal(network.calls[0][0], torch.tensor(asked.noise, dtype=torch.float32))
+    answer = 1 / 20 if with_condition else 10 / 20
+    np.testing.assert_allclose(controls, expected(asked, answer, 0.5), rtol=0, atol=1e-6)
+
+
+@every_sampler
+@pytest.mark.parametrize("guidance_scale", [0.5, 2.0, 7.5])
+def test_guidance_weighs_the_prediction_with_the_condition_and_that_without(
+    sampler: str, guidance_scale: float
+) -> None:
+    network = Told()
+    asked = Asked(3, 4, sampler, guidance_scale)
+
+    controls = finish(asked.of(fake_model(network, scale=0.5)))
+
+    (condition,) = network.embedded
+    for u_t, _, embedding in network.calls:
+        keep = embedding.any(dim=1)
+        assert sorted(keep.tolist()) == [False] * 3 + [True] * 3
+        assert torch.equal(embedding[keep], condition.expand(3, -1))
+        assert torch.equal(u_t[keep], u_t[~keep])
+    # eps_uncond + s (eps_cond - eps_uncond)
+    answer = (10 + guidance_scale * (1 - 10)) / 20
+    np.testing.assert_allclose(controls, expected(asked, answer, 0.5), rtol=0, atol=1e-5)
+
+
+@every_sampler
+@pytest.mark.parametrize(("scale", "rows"), [(0.0, 3), (1.0, 3), (2.0, 6)])
+def test_it_embeds_once_and_asks_for_one_batch_a_step(
+    sampler: str, scale: float, rows: int
+) -> None:
+    network = Told()
+    times = SAMPLERS[sampler].times(TIMESTEPS, 7)
+
+    finish(Asked(3, 7, sampler, scale).of(fake_model(network)))
+
+    assert len(network.embedded) == 1
+    assert [t.tolist() for _, t, _ in network.calls] == [[time] * rows for time in times[:-1]]
+    assert {t.dtype for _, t, _ in network.calls} == {torch.int64}
+
+
+@given(
+    candidates=st.integers(1, 9),
+    sampler=st.sampled_from(list(SAMPLERS)),
+    guidance_scale=st.sampled_from([0.0, 1.0, 2.0]),
+    portions=st.lists(st.integers(1, 20), max_size=30),
+)
+def test_the_rows_may_be_taken_in_any_portions(
+    candidates: int, sampler: str, guidance_scale: float, portions: list[int]
+) -> None:
+    asked = Asked(candidates, 4, sampler, guidance_scale)
+    model = fake_model(FakeNetwork())
+    job = Job(asked.rows)
+
+    controls = finish(asked.of(model, job), portions)
+
+    np.testing.assert_array_equal(controls, asked.alone(model))
+    assert job.rows_left == 0
+
+
+def test_rows_wait_until_they_are_predicted() -> None:
+    job = Job(rows_left=100)
+    sampling = Asked(num_candidates=4, steps=2, guidance_scale=2.0).of(
+        fake_model(FakeNetwork()), job
+    )
+
+    seen = []
+    while sampling.controls is None:
+        seen.append((sampling.rows_waiting, job.rows_left))
+        sampling.give(torch.zeros_like(sampling.take(min(5, sampling.rows_waiting)).u_t))
+
+    assert seen == [(8, 100), (3, 95), (8, 92), (3, 87)]
+    assert (sampling.rows_waiting, job.rows_left) == (0, 84)
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
+@pytest.mark.parametrize("row", [0, 3])
+def test_a_prediction_that_is_not_finite_is_refused_by_the_name_of_its_model(
+    value: float, row: int
+) -> None:
+    sampling = Asked(num_candidates=4, guidance_scale=1.0).of(fake_model(FakeNetwork(), "broken"))
+    predictions = torch.zeros_like(sampling.take(4).u_t)
+    predictions[row, 5] = value
+
+    with pytest.raises(PlanningError, match="broken/1 predicts noise that is not finite"):
+        sampling.give(predictions)
+
+
+@pytest.mark.parametrize(("sampler", "steps"), [("ddim", 41), ("dpm_solver", 20), ("ddim", 0)])
+def test_more_steps_than_the_model_has_times_are_refused_at_the_start(
+    sampler: str, steps: int
+) -> None:
+    with pytest.raises(InvalidStepCount):
+        Asked(sampler=sampler, steps=steps).of(fake_model(FakeNetwork()))
+
+
+def test_the_controls_are_scaled_and_the_noise_is_left_alone() -> None:
+    asked = Asked(guidance_scale=1.0)
+    noise = asked.noise
+
+    def with_scale(control_scale: float) -> FloatArray:
+        model = fake_model(FakeNetwork(), scale=control_scale)
+        return finish(Sampling(Job(0), model, asked.problem, noise, "ddim", 3, 1.0))
+
+    one, two = with_scale(0.25), with_scale(0.5)
+
+    assert two.dtype == np.float64
+    assert 0.1 < np.abs(two).max() <= 0.5
+    np.testing.assert_array_equal(2 * one, two)
+    np.testing.assert_array_equal(noise, asked.noise)

@@ -1,0 +1,43 @@
+import asyncio
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from app.settings import SHIPPED_MODELS
+from tests.load.overload import overload
+from tests.load.server import server_process
+from tests.load.verdict import Verdict
+
+BUSY = 0.2
+"""Cores that others may keep busy where times are to say something."""
+
+
+def failures(verdict: Verdict) -> list[str]:
+    is_disturbed = verdict.cores_of_others > BUSY
+    return [
+        check.name
+        for check in verdict.checks
+        if not check.passed and not (check.is_timing and is_disturbed)
+    ]
+
+
+def overloaded(folder: Path, seconds: float, module: str = "app") -> Verdict:
+    with server_process(SHIPPED_MODELS, folder / "server.log", module) as server:
+        verdict = asyncio.run(overload(server.url, seconds, factor=4, seed=0))
+    verdict.print(Console(width=120))
+    return verdict
+
+
+def test_a_service_is_asked_for_more_than_it_can_do(tmp_path: Path) -> None:
+    assert failures(overloaded(tmp_path, 6)) == []
+
+
+@pytest.mark.slow
+def test_a_service_is_asked_for_more_than_it_can_do_for_five_minutes(tmp_path: Path) -> None:
+    assert failures(overloaded(tmp_path, 300)) == []
+
+
+@pytest.mark.slow
+def test_a_leak_is_seen(tmp_path: Path) -> None:
+    assert "resident memory grew" in failures(overloaded(tmp_path, 40, "tests.load.leaky_server"))

@@ -30,7 +30,7 @@ VERY_LONG = LONG | {"num_candidates": 4000, "horizon": 400}
 SAMPLED = {
     "initial_state": [0, 0],
     "target_state": [0.5, 0],
-    "num_candidates": 2000,
+    "num_candidates": 400,
     "method": {"name": "action_diffusion", "sampler": "ddim", "steps": 100},
     "seed": 1,
 }

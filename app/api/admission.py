@@ -13,10 +13,10 @@ from app.inference.job import Job
 from app.inference.model_store import Model
 from app.settings import Settings
 
-MARGIN = 1.25
+MARGIN = 1.75
 """A forecast may be this much too short."""
 MARGIN_SECONDS = 0.01
-"""And by this much: threads wake up, an answer is written."""
+"""And by this much for each request that is pending: they take turns in Python's interpreter."""
 
 SHORT_SECONDS = 0.05
 """A compiled plan that takes no longer waits for none that does."""
@@ -145,9 +145,15 @@ class Admission:
     def _check_deadlines(self, new: _Admitted) -> None:
         """Refuse `new` if it would be late, or would hold up another one that must not be."""
         now = perf_counter()
-        others = [entry for entry in self._admitted.values() if entry.lane == new.lane]
-        with_new = self._forecast([*others, new])
-        late = _lateness(new, with_new[new], now)
+        others = list(self._admitted.values())
+        after = self._forecast([*others, new])
+
+        def lateness(entry: _Admitted) -> float:
+            """Return by how many seconds it may miss its deadline."""
+            due = now + MARGIN * after[entry] + MARGIN_SECONDS * len(after)
+            return due - entry.work.job.deadline
+
+        late = lateness(new)
         if late > 0:
             left = new.work.job.deadline - now
             raise Refused(
@@ -155,41 +161,45 @@ class Admission:
                 f"it would take about {left + late:.2g} s, and its deadline is in {left:.2g} s",
                 late,
             )
-        if all(_lateness(other, with_new[other], now) <= 0 for other in others):
-            return
-        without_new = self._forecast(others)
-        for other in others:
-            late = _lateness(other, with_new[other], now)
-            is_held_up = with_new[other] > without_new[other]
-            if late > 0 and is_held_up and other.work.job.deadline > now:
-                raise Refused("deadline", "another request would miss its deadline", late)
+        in_danger = [
+            other for other in others if other.work.job.deadline > now and lateness(other) > 0
+        ]
+        before = self._forecast(others) if in_danger else {}
+        for other in in_danger:
+            if after[other] > before[other]:
+                detail = "another request would miss its deadline"
+                raise Refused("deadline", detail, lateness(other))
 
     def _forecast(self, entries: list[_Admitted]) -> dict[_Admitted, float]:
-        """Return in how many seconds each is done; all are of one lane."""
-        if entries and entries[0].lane == "network":
-            entries = sorted(entries, key=lambda entry: entry.work.job.urgency)
-        return dict(zip(entries, self._finish(entries), strict=True))
+        """Return in how many seconds each is done."""
+        lanes: dict[Lane, list[_Admitted]] = {"network": [], "short": [], "long": []}
+        for entry in entries:
+            lanes[entry.lane].append(entry)
+        lanes["network"].sort(key=lambda entry: entry.work.job.urgency)
+        return {
+            **self._sampled(lanes["network"], is_crowded=bool(lanes["long"])),
+            **self._computed(lanes["short"]),
+            **self._computed(lanes["long"]),
+        }
 
-    def _finish(self, entries: list[_Admitted]) -> list[float]:
-        """Return in how many seconds each is done, in the order in which their turn comes."""
-        computing = [self._computing_seconds(entry.work) for entry in entries]
-        models = [entry.work.model for entry in entries]
-        if None in models:
-            return queue_times(computing, self._compiled_at_once)
-        sampling, at_least = [], []
-        for entry, model in zip(entries, models, strict=True):
-            assert model is not None
-            seconds = self._rates.seconds_of_rows(model, entry.work.job.rows_left)
+    def _computed(self, entries: list[_Admitted]) -> dict[_Admitted, float]:
+        seconds = [self._computing_seconds(entry.work) for entry in entries]
+        return dict(zip(entries, queue_times(seconds, self._compiled_at_once), strict=True))
+
+    def _sampled(self, entries: list[_Admitted], is_crowded: bool) -> dict[_Admitted, float]:
+        sampling, crowded_out = [], []
+        for entry in entries:
+            work = entry.work
+            assert work.model is not None
+            seconds = self._rates.seconds_of_rows(
+                work.model, work.job.rows_left, is_crowded=is_crowded
+            )
             sampling.append(seconds)
             # Beside others, a step takes a whole tick, however few rows of it are its own.
-            crowding = model.pace.rows_at_once / entry.work.rows_per_step
-            at_least.append(seconds * (max(1.0, crowding) if len(entries) > 1 else 1.0))
-        return [
-            max(finish, least) + own
-            for finish, least, own in zip(finish_times(sampling), at_least, computing, strict=True)
-        ]
-
-
-def _lateness(entry: _Admitted, seconds: float, now: float) -> float:
-    """Return by how many seconds it may miss its deadline if it takes `seconds` more."""
-    return now + MARGIN * seconds + MARGIN_SECONDS - entry.work.job.deadline
+            ticks_of_a_row = max(1.0, work.model.pace.rows_at_once / work.rows_per_step)
+            crowded_out.append(seconds * (ticks_of_a_row - 1.0) if len(entries) > 1 else 0.0)
+        finished = zip(entries, finish_times(sampling), crowded_out, strict=True)
+        return {
+            entry: finish + waiting + self._computing_seconds(entry.work)
+            for entry, finish, waiting in finished
+        }

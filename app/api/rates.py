@@ -8,6 +8,8 @@ SECONDS_PER_STEP = 2e-8
 PRIOR_ROWS = 1000
 """As many rows weigh as much as what was measured when the model was loaded."""
 PRIOR_STEPS = 1_000_000
+CROWDED = 2.0
+"""How much longer a row takes while cores are lent, before the first such measurement."""
 MEMORY = 0.95
 """What each new measurement leaves of the weight of those before."""
 
@@ -33,28 +35,29 @@ class Rates:
     """The rates of each model's rows, and of simulated time steps by kind of plan."""
 
     def __init__(self) -> None:
-        self._rows: dict[str, Rate] = {}
+        self._rows: dict[tuple[str, bool], Rate] = {}
         self._steps: dict[str, Rate] = {}
 
     def add_tick(self, tick: Tick) -> None:
         """Count a batch of the engine."""
-        self._of(tick.model).add(tick.seconds, tick.rows)
+        self._of(tick.model, tick.is_crowded).add(tick.seconds, tick.rows)
 
     def add_steps(self, kind: str, seconds: float, steps: int) -> None:
         """Count the simulated time steps of a plan."""
         self._steps.setdefault(kind, Rate(SECONDS_PER_STEP, PRIOR_STEPS)).add(seconds, steps)
 
-    def seconds_of_rows(self, model: Model, rows: int) -> float:
-        """Return about how long that many rows take."""
-        return rows * self._of(model).seconds_per_unit
+    def seconds_of_rows(self, model: Model, rows: int, *, is_crowded: bool) -> float:
+        """Return about how long that many rows take, alone or beside long compiled plans."""
+        return rows * self._of(model, is_crowded).seconds_per_unit
 
     def seconds_of_steps(self, kind: str, steps: int) -> float:
         """Return about how long that many simulated time steps of a plan take."""
         rate = self._steps.get(kind)
         return steps * (rate.seconds_per_unit if rate else SECONDS_PER_STEP)
 
-    def _of(self, model: Model) -> Rate:
-        rate = self._rows.get(model.label)
+    def _of(self, model: Model, is_crowded: bool) -> Rate:
+        rate = self._rows.get((model.label, is_crowded))
         if rate is None:
-            rate = self._rows[model.label] = Rate(model.pace.seconds_per_row, PRIOR_ROWS)
+            seconds = model.pace.seconds_per_row * (CROWDED if is_crowded else 1.0)
+            rate = self._rows[model.label, is_crowded] = Rate(seconds, PRIOR_ROWS)
         return rate

@@ -10,7 +10,7 @@ import anyio
 import anyio.to_thread
 from starlette.types import Receive
 
-from app.api.admission import Admission, Work
+from app.api.admission import Admission, Lane, Work
 from app.inference.row_threads import RowThreads
 from app.planning.stop import Stopped
 
@@ -34,7 +34,7 @@ class Workers:
 
     Plans that need the network wait in theirs for the engine. Compiled ones compute in theirs, in
     each lane as many at once as there are cores; while the network has work, one fewer. The engine
-    in turn leaves them the cores that they are on.
+    in turn leaves the long ones the cores that they are on; the short ones are soon done.
 
     Args:
         admission: says who may come in.
@@ -44,8 +44,9 @@ class Workers:
     def __init__(self, admission: Admission, row_threads: RowThreads) -> None:
         self._admission = admission
         self._row_threads = row_threads
-        self._cores = {
-            lane: anyio.CapacityLimiter(row_threads.num_threads) for lane in ("short", "long")
+        self._cores: dict[Lane, anyio.CapacityLimiter] = {
+            "short": anyio.CapacityLimiter(row_threads.num_threads),
+            "long": anyio.CapacityLimiter(row_threads.num_threads),
         }
         self._network_plans = 0
         # The admission bounds how many there are.
@@ -83,9 +84,7 @@ class Workers:
             try:
                 if lane == "network":
                     return await self._run_network(function, begun)
-                return await self._run_compiled(
-                    work, function, begun, queue, cores=self._cores[lane]
-                )
+                return await self._run_compiled(work, function, begun, queue, lane)
             finally:
                 timer.cancel()
                 watch.cancel()
@@ -109,19 +108,20 @@ class Workers:
         function: Callable[[float], T],
         begun: float,
         queue: anyio.CancelScope,
-        cores: anyio.CapacityLimiter,
+        lane: Lane,
     ) -> T:
+        cores, lent = self._cores[lane], int(lane == "long")
         acquired = False
         try:
             with queue:
                 await cores.acquire_on_behalf_of(work)
                 acquired = True
-                self._row_threads.lent += 1
+                self._row_threads.lent += lent
             work.job.stop.check()
             return await self._in_thread(function, begun)
         finally:
             if acquired:
-                self._row_threads.lent -= 1
+                self._row_threads.lent -= lent
                 cores.release_on_behalf_of(work)
 
     async def _in_thread(self, function: Callable[[float], T], begun: float) -> T:

@@ -11,7 +11,11 @@ from app.server import Server
 from app.settings import Settings
 
 
-def first_come_first_served(samplings: Sequence[Sampling], budget: int) -> dict[Sampling, int]:
+def first_come_first_served(
+    samplings: Sequence[Sampling],
+    budget: int,
+    tick_seconds: float,  # noqa: ARG001
+) -> dict[Sampling, int]:
     """Give every row of a tick to the sampling that came first (a `Share`)."""
     oldest = min(samplings, key=lambda sampling: sampling.job.arrived)
     return {oldest: min(oldest.rows_waiting, budget)}

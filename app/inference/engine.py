@@ -25,6 +25,8 @@ from app.inference.shares import Share, half_least_half_urgent
 from app.planning.problem import Candidates, PlanningError, Problem
 from app.planning.system import FloatArray
 
+MEMORY_TICKS = 10
+
 log = logging.getLogger(__name__)
 
 
@@ -34,6 +36,9 @@ class Tick(NamedTuple):
     model: Model
     rows: int
     seconds: float
+    """Since the batch before, or since there was work."""
+    is_crowded: bool
+    """Whether some of the cores were lent."""
 
 
 Watch: TypeAlias = Callable[[Tick], None]
@@ -76,6 +81,7 @@ class Engine:
         self._closing = threading.Lock()
         self._closed = False
         self._running: dict[Sampling, _Order] = {}
+        self._tick_seconds = 0.0
         self._thread = threading.Thread(target=self._run, name="engine", daemon=True)
         self._thread.start()
 
@@ -123,13 +129,16 @@ class Engine:
     @torch.inference_mode()
     def _run(self) -> None:
         _use_no_threads_of_pytorch()
-        is_open = True
+        is_open, began = True, perf_counter()
         while is_open or self._running:
             while is_open and (not self._running or not self._inbox.empty()):
+                was_idle = not self._running
                 # No variable here holds an order: an idle engine keeps no old model alive.
                 is_open = self._begin(self._inbox.get())
+                if was_idle:
+                    began = perf_counter()
             try:
-                self._tick()
+                began = self._tick(began)
             except Exception as error:
                 log.exception("a tick failed; so do the requests that were under way")
                 for sampling in list(self._running):
@@ -148,28 +157,36 @@ class Engine:
             self._running[sampling] = order
         return True
 
-    def _tick(self) -> None:
+    def _tick(self, began: float) -> float:
+        """Run a batch of each model that has rows in this tick; return when it ended."""
         for sampling in list(self._running):
             try:
                 sampling.job.stop.check()
             except Exception as error:
                 self._fail(sampling, error)
         if not self._running:
-            return
+            return began
         samplings = list(self._running)
         budget = max(sampling.model.pace.rows_at_once for sampling in samplings)
-        shares = self._share(samplings, budget)
+        shares = self._share(samplings, budget, self._tick_seconds)
+        last = began
         for model in {sampling.model for sampling in shares}:
             own = {sampling: rows for sampling, rows in shares.items() if sampling.model is model}
+            is_crowded = self.row_threads.lent > 0
             self._run_batch(model, own)
+            now = perf_counter()
+            self._watch(Tick(model, sum(own.values()), now - last, is_crowded))
+            last = now
+        # The mean of the last ones, about.
+        self._tick_seconds += (last - began - self._tick_seconds) / MEMORY_TICKS
+        return last
 
     def _run_batch(self, model: Model, shares: dict[Sampling, int]) -> None:
-        started = perf_counter()
+        now = perf_counter()
         for sampling in shares:
             order = self._running[sampling]
-            order.begun = order.begun or started
+            order.begun = order.begun or now
         self._predict(model, shares)
-        self._watch(Tick(model, sum(shares.values()), perf_counter() - started))
 
     def _predict(self, model: Model, shares: dict[Sampling, int]) -> None:
         """Take these rows through the model; a failure is that of the sampling it belongs to."""

@@ -16,7 +16,7 @@ class RowThreads:
     def __init__(self, num_threads: int) -> None:
         self.num_threads = num_threads
         self.lent = 0
-        """Cores that somebody else computes on: so many helpers less; the caller always works."""
+        """Cores that somebody else computes on for long: so many helpers less."""
         self._helpers = ThreadPoolExecutor(
             max_workers=max(num_threads - 1, 1), thread_name_prefix="rows"
         )

@@ -83,6 +83,13 @@ class Sampling:
         """How many rows of this step are not predicted yet."""
         return len(self._predictions) - self._predicted
 
+    def ticks_left(self, budget: int) -> float:
+        """Return in how many ticks at least the job's rows can go, with `budget` rows of each.
+
+        No tick takes more of them than one step has.
+        """
+        return self.job.rows_left / min(budget, len(self._predictions))
+
     def take(self, count: int) -> Rows:
         """Return the next `count` rows."""
         device = self._u_t.device

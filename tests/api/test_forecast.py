@@ -25,14 +25,17 @@ class Waiting:
     def rows_waiting(self) -> int:
         return self.job.rows_left
 
+    def ticks_left(self, budget: int) -> float:
+        return self.job.rows_left / budget
+
 
 def simulated(rows: list[int]) -> list[float]:
     """Share out ticks as the engine does; return when each is done, in rows."""
-    samplings = [Waiting(Job(count, deadline=i)) for i, count in enumerate(rows)]
+    samplings = [Waiting(Job(count, deadline=1e10 + i)) for i, count in enumerate(rows)]
     finished = [0.0] * len(rows)
     now = 0
     while waiting := [sampling for sampling in samplings if sampling.job.rows_left]:
-        shares = half_least_half_urgent(cast(list[Sampling], waiting), BUDGET)
+        shares = half_least_half_urgent(cast(list[Sampling], waiting), BUDGET, tick_seconds=0.0)
         now += sum(shares.values())
         for sampling, count in cast(dict[Waiting, int], shares).items():
             sampling.job.rows_left -= count

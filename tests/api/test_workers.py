@@ -29,6 +29,10 @@ def compiled() -> Work:
     return Work(Job(0), None, rows_per_step=2, rollout_steps=1, kind="cem")
 
 
+def long_one() -> Work:
+    return Work(Job(0), None, rows_per_step=2, rollout_steps=10**8, kind="cem")
+
+
 def with_network() -> Work:
     return Work(Job(1), MODEL, rows_per_step=2, rollout_steps=1, kind="action_diffusion")
 
@@ -157,7 +161,7 @@ def test_compiled_plans_leave_a_core_to_the_network_while_it_has_work(
         most = 0
         async with asyncio.TaskGroup() as group:
             for _ in range(8):
-                group.create_task(service.run(compiled(), compute))
+                group.create_task(service.run(long_one(), compute))
         return most
 
     async def scenario() -> None:
@@ -173,12 +177,22 @@ def test_compiled_plans_leave_a_core_to_the_network_while_it_has_work(
     service.assert_idle()
 
 
+def test_the_engine_shares_its_cores_with_short_plans_and_leaves_them_to_long_ones() -> None:
+    service = Service(2)
+
+    def lent(work: Work) -> int:
+        return asyncio.run(service.run(work, lambda _: service.row_threads.lent))
+
+    assert lent(compiled()) == 0
+    assert lent(long_one()) == 1
+    service.assert_idle()
+
+
 def test_a_short_plan_waits_for_no_long_one(gate: threading.Event) -> None:
-    service, long = Service(1), compiled()
-    long.rollout_steps = 10**9
+    service = Service(1)
 
     async def scenario() -> None:
-        first = asyncio.create_task(service.run(long, lambda _: gate.wait(60)))
+        first = asyncio.create_task(service.run(long_one(), lambda _: gate.wait(60)))
         await asyncio.sleep(0.01)
         assert await service.run(compiled(), lambda _: "done") == "done"
         assert not first.done()

@@ -15,7 +15,7 @@ def treated_badly(folder: Path, seconds: float) -> Verdict:
 
 
 def test_clients_hang_up_and_send_rubbish_while_models_change(tmp_path: Path) -> None:
-    assert treated_badly(tmp_path, 8).failures == []
+    assert treated_badly(tmp_path, 6).failures == []
 
 
 @pytest.mark.slow

@@ -13,12 +13,13 @@ BUSY = 0.2
 """Cores that others may keep busy where times are to say something."""
 
 
-def failures(verdict: Verdict) -> list[str]:
-    is_disturbed = verdict.cores_of_others > BUSY
+def failures(verdict: Verdict, *, in_time: bool) -> list[str]:
+    """Return what failed; of the times only if they count and were not disturbed."""
+    times_count = in_time and verdict.cores_of_others <= BUSY
     return [
         check.name
         for check in verdict.checks
-        if not check.passed and not (check.is_timing and is_disturbed)
+        if not check.passed and (times_count or not check.is_timing)
     ]
 
 
@@ -30,14 +31,15 @@ def overloaded(folder: Path, seconds: float, module: str = "app") -> Verdict:
 
 
 def test_a_service_is_asked_for_more_than_it_can_do(tmp_path: Path) -> None:
-    assert failures(overloaded(tmp_path, 6)) == []
+    assert failures(overloaded(tmp_path, 5), in_time=False) == []
 
 
 @pytest.mark.slow
 def test_a_service_is_asked_for_more_than_it_can_do_for_five_minutes(tmp_path: Path) -> None:
-    assert failures(overloaded(tmp_path, 300)) == []
+    assert failures(overloaded(tmp_path, 300), in_time=True) == []
 
 
 @pytest.mark.slow
 def test_a_leak_is_seen(tmp_path: Path) -> None:
-    assert "resident memory grew" in failures(overloaded(tmp_path, 40, "tests.load.leaky_server"))
+    verdict = overloaded(tmp_path, 40, "tests.load.leaky_server")
+    assert "resident memory grew" in failures(verdict, in_time=False)

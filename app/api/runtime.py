@@ -18,6 +18,7 @@ from app.api.workers import ShuttingDown, Workers
 from app.inference.engine import Engine, Tick, Watch
 from app.inference.model_store import Model, ModelRejected, ModelStore
 from app.inference.shares import Share
+from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.settings import Settings
 
@@ -123,6 +124,7 @@ class Runtime:
             if self._draining:
                 raise NotReady(self._state)
             self._service = PlanningService(self.settings, models, self._engine, self._rates)
+            set_aside_what_stays()
             labels = ", ".join(model.label for model in models.models) or "no models"
             log.info("ready after %.1f s with %s", perf_counter() - started, labels)
 

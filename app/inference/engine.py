@@ -221,6 +221,8 @@ class Engine:
 def _use_no_threads_of_pytorch() -> None:
     """Leave the cores to the row threads; PyTorch's own wait spinning for its next operation."""
     torch.set_num_threads(1)
+    # A thread's own number is settled when it is first asked for: now, not by whoever sets another.
+    torch.get_num_threads()
 
 
 class EngineProposal:

@@ -55,8 +55,8 @@ def wait_until_ready(client: httpx.Client) -> None:
     wait_until(lambda: client.get("/readyz").is_success)
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + COLD_START_SECONDS
+def wait_until(condition: Callable[[], bool], seconds: float = COLD_START_SECONDS) -> None:
+    deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not come about"
-        time.sleep(0.05)
+        time.sleep(0.01)

@@ -53,12 +53,6 @@ class Work:
     """Plans of a kind take about as long for a time step."""
 
 
-@dataclass(eq=False, slots=True)
-class _Admitted:
-    work: Work
-    lane: Lane
-
-
 class Pending(NamedTuple):
     """What is at work or waiting."""
 
@@ -80,7 +74,7 @@ class Admission:
         self._settings = settings
         self._rates = rates
         self._compiled_at_once = compiled_at_once
-        self._admitted: dict[Work, _Admitted] = {}
+        self._admitted: dict[Work, Lane] = {}
 
     def __len__(self) -> int:
         return len(self._admitted)
@@ -107,12 +101,12 @@ class Admission:
         Raises:
             Refused: there is too much to do already, or it or another one would miss its deadline.
         """
-        entry = _Admitted(work, self._lane(work))
+        lane = self._lane(work)
         self._check_cost(work)
-        self._check_deadlines(entry)
-        self._admitted[work] = entry
+        self._check_deadlines(work, lane)
+        self._admitted[work] = lane
         try:
-            yield entry.lane
+            yield lane
         finally:
             del self._admitted[work]
 
@@ -142,54 +136,52 @@ class Admission:
             if value > limit:
                 raise Refused("queue_full", f"with this one, {value} {what} would be pending", 1.0)
 
-    def _check_deadlines(self, new: _Admitted) -> None:
+    def _check_deadlines(self, new: Work, lane: Lane) -> None:
         """Refuse `new` if it would be late, or would hold up another one that must not be."""
         now = perf_counter()
-        others = list(self._admitted.values())
-        after = self._forecast([*others, new])
+        after = self._forecast({**self._admitted, new: lane})
 
-        def lateness(entry: _Admitted) -> float:
+        def lateness(work: Work) -> float:
             """Return by how many seconds it may miss its deadline."""
-            due = now + MARGIN * after[entry] + MARGIN_SECONDS * len(after)
-            return due - entry.work.job.deadline
+            due = now + MARGIN * after[work] + MARGIN_SECONDS * len(after)
+            return due - work.job.deadline
 
         late = lateness(new)
         if late > 0:
-            left = new.work.job.deadline - now
+            left = new.job.deadline - now
             raise Refused(
                 "deadline",
                 f"it would take about {left + late:.2g} s, and its deadline is in {left:.2g} s",
                 late,
             )
         in_danger = [
-            other for other in others if other.work.job.deadline > now and lateness(other) > 0
+            other for other in self._admitted if other.job.deadline > now and lateness(other) > 0
         ]
-        before = self._forecast(others) if in_danger else {}
+        before = self._forecast(self._admitted) if in_danger else {}
         for other in in_danger:
             if after[other] > before[other]:
                 detail = "another request would miss its deadline"
                 raise Refused("deadline", detail, lateness(other))
 
-    def _forecast(self, entries: list[_Admitted]) -> dict[_Admitted, float]:
+    def _forecast(self, admitted: dict[Work, Lane]) -> dict[Work, float]:
         """Return in how many seconds each is done."""
-        lanes: dict[Lane, list[_Admitted]] = {"network": [], "short": [], "long": []}
-        for entry in entries:
-            lanes[entry.lane].append(entry)
-        lanes["network"].sort(key=lambda entry: entry.work.job.urgency)
+        lanes: dict[Lane, list[Work]] = {"network": [], "short": [], "long": []}
+        for work, lane in admitted.items():
+            lanes[lane].append(work)
+        lanes["network"].sort(key=lambda work: work.job.urgency)
         return {
             **self._sampled(lanes["network"], is_crowded=bool(lanes["long"])),
             **self._computed(lanes["short"]),
             **self._computed(lanes["long"]),
         }
 
-    def _computed(self, entries: list[_Admitted]) -> dict[_Admitted, float]:
-        seconds = [self._computing_seconds(entry.work) for entry in entries]
-        return dict(zip(entries, queue_times(seconds, self._compiled_at_once), strict=True))
+    def _computed(self, works: list[Work]) -> dict[Work, float]:
+        seconds = [self._computing_seconds(work) for work in works]
+        return dict(zip(works, queue_times(seconds, self._compiled_at_once), strict=True))
 
-    def _sampled(self, entries: list[_Admitted], is_crowded: bool) -> dict[_Admitted, float]:
+    def _sampled(self, works: list[Work], is_crowded: bool) -> dict[Work, float]:
         sampling, crowded_out = [], []
-        for entry in entries:
-            work = entry.work
+        for work in works:
             assert work.model is not None
             seconds = self._rates.seconds_of_rows(
                 work.model, work.job.rows_left, is_crowded=is_crowded
@@ -197,9 +189,9 @@ class Admission:
             sampling.append(seconds)
             # Beside others, a step takes a whole tick, however few rows of it are its own.
             ticks_of_a_row = max(1.0, work.model.pace.rows_at_once / work.rows_per_step)
-            crowded_out.append(seconds * (ticks_of_a_row - 1.0) if len(entries) > 1 else 0.0)
-        finished = zip(entries, finish_times(sampling), crowded_out, strict=True)
+            crowded_out.append(seconds * (ticks_of_a_row - 1.0) if len(works) > 1 else 0.0)
+        finished = zip(works, finish_times(sampling), crowded_out, strict=True)
         return {
-            entry: finish + waiting + self._computing_seconds(entry.work)
-            for entry, finish, waiting in finished
+            work: finish + waiting + self._computing_seconds(work)
+            for work, finish, waiting in finished
         }

@@ -1,13 +1,13 @@
 """Deadlines and hang-ups over HTTP: refused at once, dropped in time, and counted."""
 
 import socket
-import time
-from collections.abc import Callable
 from typing import Any
 
 import httpx
 import pytest
-from prometheus_client.parser import text_string_to_metric_families
+
+from tests.metrics import value
+from tests.serving import wait_until
 
 PLAN: dict[str, Any] = {"initial_state": [0, 0], "target_state": [0.5, 0], "seed": 1}
 LONG = PLAN | {"method": {"name": "cem", "iterations": 1000}, "num_candidates": 4000}
@@ -15,12 +15,8 @@ LONG = PLAN | {"method": {"name": "cem", "iterations": 1000}, "num_candidates": 
 
 
 def rejected(client: httpx.Client, reason: str) -> float:
-    return sum(
-        sample.value
-        for family in text_string_to_metric_families(client.get("/metrics").text)
-        for sample in family.samples
-        if sample.name == "breakaway_rejected_total" and sample.labels["reason"] == reason
-    )
+    text = client.get("/metrics").text
+    return value(text, "breakaway_rejected_total", reason=reason)
 
 
 def pending(client: httpx.Client) -> bool:
@@ -55,13 +51,6 @@ def test_a_deadline_beyond_the_services_own_is_refused_by_its_field(client: http
     assert str(most) in answer.json()["detail"]
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 60) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 @pytest.mark.parametrize(
     "body",
     [LONG, PLAN | {"num_candidates": 2000, "method": {"name": "action_diffusion", "steps": 50}}],
@@ -78,7 +67,7 @@ def test_the_work_of_a_client_that_hangs_up_is_dropped(
     )
     with socket.create_connection((client.base_url.host, client.base_url.port or 80)) as hasty:
         hasty.sendall(head.encode() + content)
-        wait_until(lambda: pending(client))
+        wait_until(lambda: pending(client), seconds=60)
 
     wait_until(lambda: not pending(client), seconds=2)
     assert rejected(client, "client_gone") == before + 1

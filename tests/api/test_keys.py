@@ -9,7 +9,7 @@ import pytest
 from app.api.keys import KeysRejected, read_keys
 from app.settings import Settings
 from tests.api.test_errors import assert_problem
-from tests.api.test_metrics import value
+from tests.metrics import value
 from tests.serving import serving
 
 KEY, FILED_KEY = "first-key-0123456789", "another-key-in-a-file"

@@ -1,11 +1,15 @@
 """`GET /metrics`: what Prometheus reads, and what moves it."""
 
+from functools import partial
+
 import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from app.api.admission import Pending
 from app.api.metrics import Metrics
+from tests.metrics import value
+from tests.serving import wait_until
 
 OURS = {
     "breakaway_requests": "counter",
@@ -18,16 +22,6 @@ OURS = {
     "breakaway_rejected": "counter",
 }
 PLAN = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "uniform"}
-
-
-def value(text: str, name: str, **labels: str) -> float:
-    """Return the sum of all samples of that name that have these labels."""
-    return sum(
-        sample.value
-        for family in text_string_to_metric_families(text)
-        for sample in family.samples
-        if sample.name == name and labels.items() <= sample.labels.items()
-    )
 
 
 def rendered(metrics: Metrics) -> str:
@@ -83,6 +77,9 @@ def test_requests_are_counted_by_route_and_never_by_what_clients_write(
     def counted(**labels: str) -> float:
         return value(client.get("/metrics").text, "breakaway_requests_total", **labels)
 
+    def is_above(count: float, **labels: str) -> bool:
+        return counted(**labels) > count
+
     asked = {
         "/livez": {"route": "/livez", "http_method": "GET", "status": "200", "model": "none"},
         "/no/such/path": {"route": "unmatched", "status": "404"},
@@ -93,6 +90,8 @@ def test_requests_are_counted_by_route_and_never_by_what_clients_write(
     for path, labels in asked.items():
         before = counted(**labels)
         client.get(path)
+        # A file is closed, in a thread, when its answer is already here, and counted only then.
+        wait_until(partial(is_above, before, **labels), seconds=10)
         assert counted(**labels) == before + 1
     client.request("BREW", "/livez")
     assert counted(route="/livez", http_method="other", status="405") == 1

@@ -13,7 +13,7 @@ from fastapi import Request
 
 from app.main import create_app
 from app.settings import Settings
-from tests.api.test_metrics import value
+from tests.metrics import value
 from tests.serving import running
 
 PLANNED = {

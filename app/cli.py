@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from fastapi import FastAPI
 
-    from app.api.schemas import PlanResponse
     from app.client.planner_client import AsyncPlannerClient
+    from app.wire.answers import PlanResponse
 
 ARRIVAL_SECONDS = 30.0
 """How long an evaluation waits for a service that it has not yet seen."""
@@ -94,13 +94,13 @@ def plan(
     ] = None,
 ) -> None:
     """Make one plan in this process, without a server, and print its measures."""
-    from app.api.errors import InvalidField
-    from app.api.rates import Rates
-    from app.api.runtime import available_cores, load_models
-    from app.api.schemas import PlanRequest
-    from app.api.service import PlanningService
     from app.inference.engine import Engine
     from app.inference.model_store import ModelRejected
+    from app.serving.rates import Rates
+    from app.serving.refusals import InvalidField
+    from app.serving.runtime import available_cores, load_models
+    from app.serving.service import PlanningService
+    from app.wire.requests import PlanRequest
 
     try:
         request = PlanRequest.model_validate(
@@ -134,8 +134,8 @@ def plan(
         if picture:
             import matplotlib
 
-            from app.client.evaluation.style import STYLE_FILE
-            from app.client.figures import draw_plan
+            from app.figures.plan import draw_plan
+            from app.figures.style import STYLE_FILE
 
             with matplotlib.rc_context(fname=STYLE_FILE):
                 draw_plan(request, answer).savefig(picture)
@@ -177,10 +177,10 @@ def evaluate(
 
     import httpx
 
-    from app.client.evaluation.answer_log import EvaluationError
-    from app.client.evaluation.run import evaluate
-    from app.client.evaluation.suites import SUITES
     from app.client.planner_client import RequestRefused
+    from app.evaluation.answer_log import EvaluationError
+    from app.evaluation.run import evaluate
+    from app.evaluation.suites import SUITES
 
     unknown = sorted(set(names or ()) - SUITES.keys())
     if unknown:
@@ -239,9 +239,9 @@ def _method(text: str) -> str | dict[str, Any]:
 @app.command()
 def bench() -> None:
     """Measure the network, sampling, planning and the service, side by side in one run."""
-    from app.api.runtime import available_cores
     from app.benchmark.run import run
     from app.inference.model_store import ModelRejected, UnfitModel
+    from app.serving.runtime import available_cores
 
     try:
         for line in run(_settings([]).model_store, available_cores()):

@@ -11,12 +11,9 @@ import inspect
 import tempfile
 import warnings
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cached_property, lru_cache, update_wrapper
 from pathlib import Path
-from typing import ParamSpec, TypeVar
-
-import platformdirs
-from numba import config, njit
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -35,6 +32,9 @@ def _cache_directory(package: Path) -> str | None:
     files, so an edited plant would otherwise live on inside a cached CEM. None where the folder
     cannot be written to: Numba's own fallback, beside the sources, has just that flaw.
     """
+    import platformdirs
+    from numba import config
+
     digest = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
         digest.update(source.read_bytes())
@@ -57,6 +57,38 @@ def _package(function: Callable[P, R]) -> Path:
     return next((package for package in KERNEL_PACKAGES if file.is_relative_to(package)), APP)
 
 
+class Kernel(Generic[R]):
+    """A function that Numba compiles; Numba itself is loaded at the first call.
+
+    So what only names methods and options, as clients do, needs neither Numba nor a cache folder.
+    """
+
+    def __init__(self, function: Callable[..., R]) -> None:
+        self._function = function
+        update_wrapper(self, function)
+
+    def __call__(self, *args: Any) -> R:
+        result: R = self._dispatcher(*args)
+        return result
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        from numba import config, njit
+
+        directory = _cache_directory(_package(self._function))
+        before = config.CACHE_DIR
+        config.CACHE_DIR = directory or before
+        try:
+            return njit(nogil=True, cache=directory is not None)(self._function)
+        finally:
+            config.CACHE_DIR = before
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What Numba asks of a value that it meets in a kernel: this one is called from others."""
+        return self._dispatcher._numba_type_
+
+
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` on its first call with each set of argument types.
 
@@ -64,10 +96,4 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     (no `parallel`): the service runs several plans at once instead. Where no folder can be written
     to, the kernel is compiled anew in each process.
     """
-    directory = _cache_directory(_package(function))
-    before = config.CACHE_DIR
-    config.CACHE_DIR = directory or before
-    try:
-        return njit(nogil=True, cache=directory is not None)(function)
-    finally:
-        config.CACHE_DIR = before
+    return cast(Callable[P, R], Kernel(function))

@@ -18,10 +18,10 @@ from app.api.keys import ApiKeys, read_keys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
 from app.api.routes import admin_router, router
-from app.api.runtime import Runtime
 from app.api.telemetry import Telemetry, is_request_id
 from app.inference.engine import Tick
 from app.inference.shares import Share, half_least_half_urgent
+from app.serving.runtime import Runtime
 from app.settings import Settings
 
 

@@ -16,9 +16,9 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from app.api.errors import NotReady
-from app.api.runtime import Runtime
 from app.inference.model_store import ModelRejected
+from app.serving.refusals import NotReady
+from app.serving.runtime import Runtime
 from app.settings import Settings
 
 SENDING_SECONDS = 10

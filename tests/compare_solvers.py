@@ -37,10 +37,10 @@ import numpy as np
 from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.metrics import terminal_error
 from app.planning.objectives import TOLERANCE
+from app.planning.plant.system import FloatArray, System, rollout
 from app.planning.problem import DEFAULT_HORIZON, Problem
-from app.planning.reachability import reachability
-from app.planning.refinement import Refinement, refine
-from app.planning.system import FloatArray, System, rollout
+from app.planning.reachable.reachability import reachability
+from app.planning.refining.refinement import Refinement, refine
 
 
 class Answer(NamedTuple):

@@ -15,10 +15,10 @@ import pytest
 from typer.testing import CliRunner
 
 from app import cli
-from app.client.evaluation.suites import SUITES
+from app.evaluation.suites import SUITES
 from app.main import create_app
 from app.settings import SHIPPED_MODELS, Settings
-from tests.serving import COLD_START_SECONDS, free_port, running
+from tests.served import COLD_START_SECONDS, free_port, running
 
 
 def breakaway(

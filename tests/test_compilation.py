@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import app.planning
-from app.planning.system import System, rollout
+from app.planning.plant.system import System, rollout
 
 # Kernels in this file call a kernel in another one, as the CEM calls the plant.
 PROBE = """
 from app.compilation import compiled
-from app.planning.system import System, step
+from app.planning.plant.system import System, step
 
 @compiled
 def push(control, parameters):
@@ -60,13 +60,13 @@ def run(source: Path, cache: str, *arguments: str) -> subprocess.CompletedProces
 
 def block_caches_in(source: Path) -> None:
     """Let a file stand where a cache folder would be made; this stops even root."""
-    for folder in ("planning", "planning/methods"):
+    for folder in ("planning", "planning/plant"):
         (source / "app" / folder / "__pycache__").touch()
 
 
 def edit_plant(source: Path) -> None:
     """Make a mass break away faster."""
-    plant = source / "app" / "planning" / "system.py"
+    plant = source / "app" / "planning" / "plant" / "system.py"
     edited = plant.read_text().replace("velocity += time_step", "velocity += 2 * time_step")
     assert edited != plant.read_text()
     plant.write_text(edited)
@@ -128,19 +128,36 @@ def test_an_edited_plant_is_compiled_anew_in_the_kernels_that_call_it(
 def test_an_edit_under_inference_leaves_the_kernels_of_planning_in_their_cache(
     source: Path, tmp_path: Path
 ) -> None:
-    """A package's cache folder is made when the first of its kernels is imported."""
+    """A package's cache folder is made when the first of its kernels is called."""
     cache = tmp_path / "cache"
 
-    def folders_after_importing(module: str) -> set[Path]:
-        run(source, str(cache), "-c", f"import {module}")
+    def folders_after(call: str) -> set[Path]:
+        run(source, str(cache), "-c", call)
         return {path for path in cache.glob("*/*") if path.is_dir()}
 
-    planning = folders_after_importing("app.planning.system")
-    both = folders_after_importing("app.inference.simd")
-    with (source / "app" / "inference" / "simd.py").open("a") as file:
+    plan = "from app.planning.plant.system import *; step(0.0, 0.0, 0.0, System().parameters)"
+    infer = "from app.inference.kernel.convolution import *; make_scratch(8, 16)"
+    planning = folders_after(plan)
+    both = folders_after(infer)
+    with (source / "app" / "inference" / "kernel" / "simd.py").open("a") as file:
         file.write("# edited\n")
 
     assert len(planning) == 1
     assert len(both - planning) == 1
-    assert folders_after_importing("app.planning.system") == both
-    assert len(folders_after_importing("app.inference.simd") - both) == 1
+    assert folders_after(plan) == both
+    assert len(folders_after(infer) - both) == 1
+
+
+def test_a_client_needs_neither_numba_nor_torch_nor_a_cache_folder(
+    source: Path, tmp_path: Path
+) -> None:
+    cache = tmp_path / "cache"
+    cache.mkdir()
+
+    loaded = run(
+        source, str(cache), "-c", "import app.client, sys; print(*sys.modules)"
+    ).stdout.split()
+
+    assert "app.wire.requests" in loaded
+    assert not {"numba", "llvmlite", "torch", "fastapi", "pandas"} & set(loaded)
+    assert not list(cache.iterdir())

@@ -11,16 +11,16 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from app.api.schemas import PlanResponse
 from app.client import AsyncPlannerClient
-from app.client.evaluation.entrants import ENTRANTS
-from app.client.evaluation.run import evaluate
-from app.client.evaluation.suites import SUITES
-from app.client.evaluation.suites.learned_prior import REFINED_BY
-from app.client.evaluation.suites.sampler_frontier import SOLVERS
+from app.evaluation.entrants import ENTRANTS
+from app.evaluation.run import evaluate
+from app.evaluation.suites import SUITES
+from app.evaluation.suites.learned_prior import REFINED_BY
+from app.evaluation.suites.sampler_frontier import SOLVERS
 from app.planning.methods import METHODS
 from app.settings import SHIPPED_MODELS, Settings
-from tests.serving import serving, wait_until_ready
+from app.wire.answers import PlanResponse
+from tests.served import serving, wait_until_ready
 
 REPORT = SHIPPED_MODELS / "dry-friction-fs0.7" / "1" / "evaluation"
 README = (Path(__file__).parents[1] / "README.md").read_text()

@@ -11,7 +11,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from app.settings import Settings
-from tests.serving import running
+from tests.served import running
 
 HEADER_TIMEOUT_S = 0.3
 IDLE_TIMEOUT_S = 1

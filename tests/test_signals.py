@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.serving import free_port, wait_until, wait_until_ready
+from tests.served import free_port, wait_until, wait_until_ready
 from tests.stores import publish_version
 
 LONG = {

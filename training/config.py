@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
 from app.inference.manifest import ModelName
+from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
-from app.planning.system import System
 
 DEFAULT_CONFIG = Path(__file__).with_name("default.toml")
 

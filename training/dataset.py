@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from app.planning.system import FloatArray, rollout
+from app.planning.plant.system import FloatArray, rollout
 from training.config import TrainingConfig
 
 

@@ -7,7 +7,7 @@ from fastapi import FastAPI
 
 from app.api.errors import MEDIA_TYPE
 from app.api.keys import is_public
-from app.api.schemas import Problem
+from app.wire.problems import ProblemDetails
 
 SCHEMAS = "#/components/schemas/"
 SECURITY_SCHEME = "API key"
@@ -31,8 +31,8 @@ def document_middleware(app: FastAPI, private_except: Collection[str] | None) ->
 
 
 def _extend(document: dict[str, Any], private_except: Collection[str] | None) -> None:
-    problem = Problem.model_json_schema(ref_template=SCHEMAS + "{model}")
-    document["components"]["schemas"] |= problem.pop("$defs") | {Problem.__name__: problem}
+    problem = ProblemDetails.model_json_schema(ref_template=SCHEMAS + "{model}")
+    document["components"]["schemas"] |= problem.pop("$defs") | {ProblemDetails.__name__: problem}
     if private_except is not None:
         document["components"]["securitySchemes"] = {
             SECURITY_SCHEME: {"type": "http", "scheme": "bearer"}
@@ -48,5 +48,5 @@ def _extend(document: dict[str, Any], private_except: Collection[str] | None) ->
 
 
 def _problem(description: str) -> dict[str, Any]:
-    schema = {"$ref": SCHEMAS + Problem.__name__}
+    schema = {"$ref": SCHEMAS + ProblemDetails.__name__}
     return {"description": description, "content": {MEDIA_TYPE: {"schema": schema}}}

@@ -11,27 +11,16 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
-from app.api.admission import Refused
-from app.api.schemas import FieldError, Problem
-from app.api.workers import ClientGone, DeadlineExceeded, ShuttingDown
 from app.inference.model_store import UnfitModel, UnknownModel
-from app.inference.samplers import InvalidStepCount
+from app.inference.solvers import InvalidStepCount
 from app.planning.problem import PlanningError
+from app.serving.admission import Refused
+from app.serving.refusals import InvalidField, NotReady
+from app.serving.workers import ClientGone, DeadlineExceeded, ShuttingDown
+from app.wire.problems import FieldError, ProblemDetails
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"
-
-
-class InvalidField(Exception):
-    """A field at `pointer` that fits its schema, but not this service or the other fields."""
-
-    def __init__(self, pointer: str, detail: str) -> None:
-        super().__init__(detail)
-        self.pointer = pointer
-
-
-class NotReady(Exception):
-    """The service is starting, or could not."""
 
 
 def problem_response(
@@ -45,7 +34,7 @@ def problem_response(
     headers: dict[str, str] | None = None,
 ) -> Response:
     """Build a problem+json answer; `slug` names the type, `about:blank` where there is none."""
-    problem = Problem(
+    problem = ProblemDetails(
         type=f"urn:breakaway:problem:{slug}" if slug else "about:blank",
         title=title or HTTPStatus(status).phrase,
         status=status,

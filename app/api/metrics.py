@@ -18,7 +18,7 @@ from prometheus_client import (
     generate_latest,
 )
 
-from app.api.admission import NONE, Pending
+from app.serving.admission import NONE, Pending
 
 REQUEST_SECONDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60)
 TICK_SECONDS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1)

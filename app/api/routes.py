@@ -2,37 +2,36 @@
 
 import platform
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import numba
 import numpy
-import torch
 from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import PlainTextResponse, RedirectResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
 from app.api.errors import MEDIA_TYPE
-from app.api.runtime import Runtime, available_cores, choose_device
-from app.api.schemas import (
-    MAX_TARGETS,
+from app.inference.device import LIBRARY_VERSION, choose_device
+from app.inference.model_store import Model, ModelRejected
+from app.planning.plant.system import System
+from app.serving.runtime import Runtime, available_cores
+from app.serving.service import PlanningService, R, Task
+from app.wire.about import (
     Health,
     Info,
     Limits,
     MethodDescription,
     ModelDescription,
-    MultistepPlanRequest,
-    MultistepPlanResponse,
-    PlanRequest,
-    PlanResponse,
-    Problem,
-    TimingReport,
     describe_methods,
 )
-from app.api.service import PlanningService, R, Task
-from app.inference.model_store import Model, ModelRejected
-from app.planning.system import System
+from app.wire.answers import MultistepPlanResponse, PlanResponse, TimingReport
+from app.wire.model import build_checks
+from app.wire.problems import ProblemDetails
+from app.wire.requests import MAX_TARGETS, MultistepPlanRequest, PlanRequest
 
+build_checks()
 router = APIRouter()
 admin_router = APIRouter()
 """Open only where the settings say so."""
@@ -60,7 +59,7 @@ ServiceDependency = Annotated[PlanningService, Depends(get_service)]
 
 def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]:
     """Document answers that are problem+json."""
-    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
+    schema = {"$ref": f"#/components/schemas/{ProblemDetails.__name__}"}
     return {
         status: {"description": text, "content": {MEDIA_TYPE: {"schema": schema}}}
         for status, text in descriptions
@@ -129,11 +128,17 @@ async def _answer(
         result = plan(task, waited_ms)
         return result.model_dump_json(exclude_none=True), result.timing_ms
 
-    body, timing_ms = await runtime.workers.run(task.work, answer, request.receive)
+    body, timing_ms = await runtime.workers.run(task.work, answer, partial(_hung_up, request))
     timing = timing_ms.model_dump()
     request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
     header = ", ".join(f"{stage};dur={ms}" for stage, ms in timing.items())
     return Response(body, media_type="application/json", headers={"Server-Timing": header})
+
+
+async def _hung_up(request: Request) -> None:
+    """Return when the client has hung up; its body has been read."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 @router.get("/methods", tags=["about"])
@@ -160,7 +165,7 @@ async def info(runtime: RuntimeDependency) -> Info:
         network_threads=runtime.network_threads,
         libraries={
             "python": platform.python_version(),
-            "torch": torch.__version__,
+            "torch": LIBRARY_VERSION,
             "numpy": numpy.__version__,
             "numba": numba.__version__,
         },

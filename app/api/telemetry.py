@@ -8,8 +8,8 @@ from typing import Any
 from asgi_correlation_id import correlation_id
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.admission import NONE
 from app.api.metrics import Metrics
+from app.serving.admission import NONE
 
 CLIENT_GONE = 499
 """The status that nginx gave to requests whose client hung up before the answer."""

@@ -9,11 +9,11 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from app.benchmark.pairing import median_ms
 from app.benchmark.paper_sampler import PaperUNet
-from app.inference.matrix_product import multiply
+from app.inference.kernel.matrix_product import multiply
 from app.inference.model_store import Model
-from app.inference.network import Network
+from app.inference.networks.base import Network
+from app.inference.networks.scripted import freeze
 from app.inference.row_threads import RowThreads
-from app.inference.scripted_network import freeze
 
 ROWS = (1, 2, 8, 16, 32, 64, 256, 1024)
 PRODUCT_SIZE = 2048

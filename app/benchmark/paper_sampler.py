@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from app.inference.manifest import Manifest
-from app.inference.samplers import CLEAN, even_times
+from app.inference.solvers import CLEAN, even_times
 
 STEPS = 50
 GUIDANCE_SCALE = 2.0

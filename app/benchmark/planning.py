@@ -9,9 +9,9 @@ import numpy as np
 from app.benchmark.pairing import paired
 from app.planning.methods import CEM, DatasetPrior
 from app.planning.planner import plan
+from app.planning.plant.system import FloatArray, System, rollout
 from app.planning.problem import Problem
-from app.planning.refinement import Refinement
-from app.planning.system import FloatArray, System, rollout
+from app.planning.refining.refinement import Refinement
 
 PAIRS = 200
 TASKS = 1000

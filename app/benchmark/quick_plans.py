@@ -5,12 +5,12 @@ from time import perf_counter
 
 import numpy as np
 
-from app.client.evaluation.tasks import random_sequences
+from app.evaluation.tasks import random_sequences
 from app.inference.engine import EngineProposal
 from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan_multistep
-from app.planning.refinement import Refinement
-from app.planning.system import System
+from app.planning.plant.system import System
+from app.planning.refining.refinement import Refinement
 
 METHOD = ActionDiffusion(sampler="dpm_solver", steps=2, guidance_scale=1.0)
 NUM_CANDIDATES = 4

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from app.benchmark.company import company
+from app.benchmark.concurrency import company
 from app.benchmark.network import network
 from app.benchmark.paper_sampler import PaperUNet
 from app.benchmark.planning import planning
@@ -15,8 +15,8 @@ from app.benchmark.service import service
 from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.model_store import read_torchscript, verify
+from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON
-from app.planning.system import System
 from app.planning.warm_up import warm_up
 
 

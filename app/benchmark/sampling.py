@@ -11,8 +11,8 @@ from app.benchmark.paper_sampler import PaperUNet, sample
 from app.inference.engine import EngineProposal
 from app.inference.model_store import Model
 from app.planning.methods import ActionDiffusion
+from app.planning.plant.system import FloatArray
 from app.planning.problem import Problem
-from app.planning.system import FloatArray
 
 BUDGETS = (1, 16, 32, 128, 512)
 CANDIDATES, MOST_PAIRS = 256, 40

@@ -18,9 +18,9 @@ from app.inference.model_store import Model
 from app.inference.sampling import Sampling
 from app.planning.methods import CEM, ActionDiffusion
 from app.planning.planner import plan
+from app.planning.plant.system import FloatArray
 from app.planning.problem import Candidates, Problem
-from app.planning.refinement import Refinement
-from app.planning.system import FloatArray
+from app.planning.refining.refinement import Refinement
 
 PAIRS, CALLS = 12, 20
 

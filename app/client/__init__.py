@@ -1,12 +1,8 @@
 """The client side: it speaks HTTP and shares the schemas, and knows nothing of the service."""
 
-from app.api.schemas import (
-    MultistepPlanRequest,
-    MultistepPlanResponse,
-    PlanRequest,
-    PlanResponse,
-)
 from app.client.planner_client import AsyncPlannerClient, PlannerClient, RequestRefused
+from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 __all__ = [
     "AsyncPlannerClient",

@@ -10,18 +10,12 @@ from typing import Self, TypeVar
 
 import httpx
 from httpx_retries import Retry, RetryTransport
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from app.api.schemas import (
-    Health,
-    Info,
-    ModelDescription,
-    MultistepPlanRequest,
-    MultistepPlanResponse,
-    PlanRequest,
-    PlanResponse,
-    Problem,
-)
+from app.wire.about import Health, Info, ModelDescription
+from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.problems import ProblemDetails
+from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 PATIENCE_SECONDS = 300.0
 LONGEST_WAIT_SECONDS = 10.0
@@ -29,7 +23,7 @@ TIMEOUT = httpx.Timeout(600.0, connect=LONGEST_WAIT_SECONDS)
 MOST_RETRIES = 1000
 
 Answer = TypeVar("Answer", bound=BaseModel)
-MODELS = TypeAdapter(list[ModelDescription])
+MODELS = TypeAdapter(list[ModelDescription], config=ConfigDict(defer_build=True))
 
 
 class RequestRefused(Exception):
@@ -39,7 +33,7 @@ class RequestRefused(Exception):
         problem: the service's own words.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: ProblemDetails) -> None:
         super().__init__(f"{problem.title} ({problem.status}): {problem.detail}")
         self.problem = problem
 
@@ -211,9 +205,9 @@ def _accepted(response: httpx.Response) -> httpx.Response:
     if response.is_success:
         return response
     try:
-        problem = Problem.model_validate_json(response.content)
+        problem = ProblemDetails.model_validate_json(response.content)
     except ValidationError:  # not the service: a proxy, or something else at that address
-        problem = Problem(
+        problem = ProblemDetails(
             type="about:blank",
             title=response.reason_phrase,
             status=response.status_code,

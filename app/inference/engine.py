@@ -22,8 +22,8 @@ from app.inference.model_store import Model, ModelStore
 from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
 from app.inference.shares import Share, half_least_half_urgent
+from app.planning.plant.system import FloatArray
 from app.planning.problem import Candidates, PlanningError, Problem
-from app.planning.system import FloatArray
 
 MEMORY_TICKS = 10
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, PositiveInt
 
-from app.planning.system import System
+from app.planning.plant.system import System
 
 CHECKPOINT_FILE = "unet.pt"
 MANIFEST_FILE = "manifest.json"

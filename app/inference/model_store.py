@@ -17,14 +17,14 @@ import numpy as np
 import torch
 from pydantic import ValidationError
 
-from app.inference.compiled_network import UnsuitableNetwork, derive
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
-from app.inference.network import CONDITION_SIZE, Network
+from app.inference.networks.base import CONDITION_SIZE, Network
+from app.inference.networks.compiled import UnsuitableNetwork, derive
+from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.pace import Pace, measure_pace
 from app.inference.row_threads import RowThreads
-from app.inference.scripted_network import ScriptedNetwork
+from app.planning.plant.system import System
 from app.planning.problem import Problem
-from app.planning.system import System
 
 log = logging.getLogger(__name__)
 

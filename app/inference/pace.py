@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import torch
 
-from app.inference.network import CONDITION_SIZE, Network
+from app.inference.networks.base import CONDITION_SIZE, Network
 
 SIZES = (16, 32, 64, 128, 256)
 REPETITIONS = 7

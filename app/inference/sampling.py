@@ -12,9 +12,9 @@ from torch import Tensor
 
 from app.inference.job import Job
 from app.inference.model_store import Model
-from app.inference.samplers import SAMPLERS
+from app.inference.solvers import SAMPLERS
+from app.planning.plant.system import FloatArray
 from app.planning.problem import PlanningError, Problem
-from app.planning.system import FloatArray
 
 
 class Rows(NamedTuple):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from app.planning.system import FloatArray, System
+from app.planning.plant.system import FloatArray, System
 
 POSITION_TOLERANCE = 0.01
 """delta, m: a mass closer to its target than this is not stuck, it has arrived."""

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps
+from app.planning.plant.system import FloatArray
 from app.planning.problem import Problem
-from app.planning.system import FloatArray
 
 Objective: TypeAlias = Literal[
     "terminal_error", "control_energy", "control_smoothness", "stuck_steps"

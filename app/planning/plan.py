@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from app.planning.plant.system import FloatArray
 from app.planning.problem import Cost, Timing
-from app.planning.reachability import Reachability
-from app.planning.system import FloatArray
+from app.planning.reachable.reachability import Reachability
 
 
 @dataclass(frozen=True, slots=True)

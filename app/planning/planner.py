@@ -14,11 +14,11 @@ from app.planning.metrics import (
 )
 from app.planning.objectives import Objective, best_candidate
 from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
+from app.planning.plant.system import FloatArray, System, rollout
 from app.planning.problem import Cost, PlanningError, Problem, Timing
-from app.planning.reachability import reachability
-from app.planning.refinement import Refined, Refinement, refine
+from app.planning.reachable.reachability import reachability
+from app.planning.refining.refinement import Refined, Refinement, refine
 from app.planning.stop import NEVER, Stop
-from app.planning.system import FloatArray, System, rollout
 
 
 def plan(

@@ -8,7 +8,7 @@ from annotated_types import Ge, Interval, Le
 
 from app.compilation import compiled
 from app.planning.options import OPTION_CHECKS, check_ranges
-from app.planning.system import FloatArray
+from app.planning.plant.system import FloatArray
 
 Fraction = Annotated[float, Interval(ge=0, le=1)]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.planning.system import FloatArray, System
+from app.planning.plant.system import FloatArray, System
 
 DEFAULT_HORIZON = 64
 """H of the paper (Table 2)."""

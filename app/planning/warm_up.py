@@ -8,7 +8,7 @@ from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.objectives import Objective
 from app.planning.planner import plan
 from app.planning.problem import Problem
-from app.planning.refinement import Refinement
+from app.planning.refining.refinement import Refinement
 
 
 def warm_up() -> None:

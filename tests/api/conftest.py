@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from app.settings import Settings
-from tests.serving import serving, wait_until_ready
+from tests.served import serving, wait_until_ready
 
 
 @pytest.fixture(scope="session")

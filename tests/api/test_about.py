@@ -6,9 +6,9 @@ from pathlib import Path
 
 import httpx
 
-from app.api.schemas import PlanRequest
 from app.settings import Settings
-from tests.serving import serving, wait_until_ready
+from app.wire.requests import PlanRequest
+from tests.served import serving, wait_until_ready
 
 
 def test_the_service_is_alive_before_it_is_ready(model_store: Path) -> None:

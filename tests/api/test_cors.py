@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from app.settings import Settings
-from tests.serving import serving
+from tests.served import serving
 
 KEY = "first-key-0123456789"
 ORIGIN = "https://lab.example.org"

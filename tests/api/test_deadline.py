@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from tests.metrics import value
-from tests.serving import wait_until
+from tests.served import wait_until
 
 PLAN: dict[str, Any] = {"initial_state": [0, 0], "target_state": [0.5, 0], "seed": 1}
 LONG = PLAN | {"method": {"name": "cem", "iterations": 1000}, "num_candidates": 4000}

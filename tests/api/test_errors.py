@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.settings import Settings
-from tests.serving import serving, wait_until_ready
+from tests.served import serving, wait_until_ready
 
 GOOD = {"initial_state": [0.0, 0.0], "target_state": [0.2, 0.0], "method": "uniform"}
 NAN, INFINITY = float("nan"), float("inf")

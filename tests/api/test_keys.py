@@ -10,7 +10,7 @@ from app.api.keys import KeysRejected, read_keys
 from app.settings import Settings
 from tests.api.test_errors import assert_problem
 from tests.metrics import value
-from tests.serving import serving
+from tests.served import serving
 
 KEY, FILED_KEY = "first-key-0123456789", "another-key-in-a-file"
 

@@ -6,10 +6,10 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from app.api.admission import Pending
 from app.api.metrics import Metrics
+from app.serving.admission import Pending
 from tests.metrics import value
-from tests.serving import wait_until
+from tests.served import wait_until
 
 OURS = {
     "breakaway_requests": "counter",

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from app.settings import Settings
-from tests.serving import serving
+from tests.served import serving
 
 TIMEOUT_S = 0.3
 HEAD = "POST /plan HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
@@ -120,7 +120,7 @@ def test_other_verbs_are_told_which_there_are(client: httpx.Client) -> None:
 
 def test_a_slow_body_is_documented(client: httpx.Client) -> None:
     document = client.get("/openapi.json").json()
-    assert "Problem" in document["components"]["schemas"]
+    assert "ProblemDetails" in document["components"]["schemas"]
     for path, operations in document["paths"].items():
         for operation in operations.values():
             assert ("408" in operation["responses"]) == (path in ("/plan", "/plan_multistep"))

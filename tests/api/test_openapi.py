@@ -11,7 +11,7 @@ from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from app.main import create_app
 from app.settings import Settings
-from tests.serving import serving, wait_until_ready
+from tests.served import serving, wait_until_ready
 
 KEY = "a-key-that-is-long-enough"
 SMALL = Settings(

@@ -8,7 +8,7 @@ import httpx
 import numpy as np
 import pytest
 
-from app.planning.system import System, rollout
+from app.planning.plant.system import System, rollout
 
 METHODS = ["action_diffusion", "dataset_prior", "uniform", "cem", "icem", "mppi"]
 

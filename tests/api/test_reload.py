@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 
 from app.settings import Settings
-from tests.serving import serving, wait_until_ready
+from tests.served import serving, wait_until_ready
 from tests.stores import publish_version
 
 

@@ -14,7 +14,7 @@ from fastapi import Request
 from app.main import create_app
 from app.settings import Settings
 from tests.metrics import value
-from tests.serving import running
+from tests.served import running
 
 PLANNED = {
     "method": "cem",

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest
-from app.planning.system import System
+from app.planning.plant.system import System
 from training.config import NetworkConfig
 from training.export import to_torchscript
 from training.schedule import cosine_alphas_cumprod

@@ -14,12 +14,12 @@ from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.manifest import Losses, Manifest
 from app.inference.model_store import Model
-from app.inference.network import Network
+from app.inference.networks.base import Network
 from app.inference.pace import Pace
-from app.inference.samplers import SAMPLERS
 from app.inference.sampling import Sampling
+from app.inference.solvers import SAMPLERS
+from app.planning.plant.system import FloatArray, System
 from app.planning.problem import Problem
-from app.planning.system import FloatArray, System
 from training.schedule import cosine_alphas_cumprod
 
 HORIZON = 8

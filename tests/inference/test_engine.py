@@ -15,16 +15,16 @@ from app.inference.engine import Engine, Tick
 from app.inference.job import Job
 from app.inference.manifest import CHECKPOINT_FILE
 from app.inference.model_store import Model, ModelStore, read_torchscript
-from app.inference.network import Network
+from app.inference.networks.base import Network
+from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
-from app.inference.samplers import SAMPLERS, InvalidStepCount
-from app.inference.scripted_network import ScriptedNetwork
+from app.inference.solvers import SAMPLERS, InvalidStepCount
 from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan, plan_multistep
+from app.planning.plant.system import FloatArray, System
 from app.planning.problem import PlanningError, Problem
 from app.planning.stop import Stopped
-from app.planning.system import FloatArray, System
 from tests.inference.fakes import (
     NOT_A_NUMBER,
     RAISES,

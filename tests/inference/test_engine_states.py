@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from app.inference.engine import Engine
 from app.inference.model_store import Model
-from app.inference.samplers import SAMPLERS
+from app.inference.solvers import SAMPLERS
 from app.planning.problem import PlanningError
 from app.planning.stop import Stopped
 from tests.inference.fakes import (

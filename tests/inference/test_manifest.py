@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from app.inference.manifest import MANIFEST_FILE, Manifest
-from app.planning.system import System
+from app.planning.plant.system import System
 
 
 def edit(path: Path, **changes: Any) -> None:

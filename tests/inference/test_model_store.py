@@ -9,7 +9,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from app.inference.compiled_network import CompiledNetwork
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
 from app.inference.model_store import (
     Model,
@@ -20,9 +19,10 @@ from app.inference.model_store import (
     find_versions,
     verify,
 )
+from app.inference.networks.compiled import CompiledNetwork
 from app.inference.pace import SIZES
 from app.inference.row_threads import RowThreads
-from app.planning.system import System
+from app.planning.plant.system import System
 from app.settings import SHIPPED_MODELS
 from training.config import NetworkConfig
 from training.unet import UNet

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from app.inference.job import Job
-from app.inference.samplers import SAMPLERS, InvalidStepCount
 from app.inference.sampling import Sampling
+from app.inference.solvers import SAMPLERS, InvalidStepCount
+from app.planning.plant.system import FloatArray
 from app.planning.problem import PlanningError
-from app.planning.system import FloatArray
 from tests.inference.fakes import HORIZON, TIMESTEPS, Asked, FakeNetwork, fake_model
 
 every_sampler = pytest.mark.parametrize("sampler", SAMPLERS)

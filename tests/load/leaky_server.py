@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-from app.api import service
 from app.cli import app
+from app.serving import service
 
 
 def keeping_all(plan: Callable[..., Any]) -> Callable[..., Any]:

@@ -4,9 +4,9 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
-from app.api.schemas import PlanRequest
 from app.planning.planner import plan_cost
 from app.planning.problem import DEFAULT_HORIZON
+from app.wire.requests import PlanRequest
 
 SECONDS_PER_ROW = 8e-5
 """Of a row through the network, about, where both cores are free."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import httpx
 
-from tests.serving import COLD_START_SECONDS, free_port
+from tests.served import COLD_START_SECONDS, free_port
 
 LONGEST_END_SECONDS = 60
 

@@ -3,7 +3,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.api.schemas import MultistepPlanRequest, PlanRequest
+from app.wire.requests import MultistepPlanRequest, PlanRequest
 from tests.load.scenario import question
 
 numbers = st.integers(0, 10**6)

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 from tests.load.__main__ import app
 from tests.load.client import Metrics
 from tests.load.verdict import Verdict, percentile
-from tests.serving import free_port
+from tests.served import free_port
 
 
 def test_a_verdict_names_what_failed() -> None:

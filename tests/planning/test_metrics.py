@@ -7,7 +7,7 @@ from app.planning.metrics import (
     stuck_steps,
     terminal_error,
 )
-from app.planning.system import System
+from app.planning.plant.system import System
 
 SYSTEM = System()
 

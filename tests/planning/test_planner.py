@@ -16,6 +16,7 @@ from app.planning.metrics import control_energy, control_smoothness, stuck_steps
 from app.planning.objectives import Objective
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_cost, plan_multistep
+from app.planning.plant.system import FloatArray, System, rollout
 from app.planning.problem import (
     Candidates,
     Cost,
@@ -23,9 +24,8 @@ from app.planning.problem import (
     Problem,
     as_state,
 )
-from app.planning.refinement import Refinement
+from app.planning.refining.refinement import Refinement
 from app.planning.stop import NEVER, Stop
-from app.planning.system import FloatArray, System, rollout
 
 SYSTEM = System()
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.planning.plant.system import FloatArray
 from app.planning.prior import ControlPrior
-from app.planning.system import FloatArray
 
 LIMIT = 0.9
 fractions = st.floats(0, 1)

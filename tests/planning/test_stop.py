@@ -11,15 +11,15 @@ import pytest
 
 from app.planning.methods import CEM, ICEM, METHODS, MPPI, ActionDiffusion, DatasetPrior, Uniform
 from app.planning.methods.base import LearnedProposal, Method, Optimiser
-from app.planning.methods.started import Started
+from app.planning.methods.warm_started import Started
 from app.planning.objectives import Objective
 from app.planning.planner import plan, plan_multistep
+from app.planning.plant.system import FloatArray, System
 from app.planning.prior import ControlPrior
 from app.planning.problem import Candidates, Cost, Problem
-from app.planning.reachability import reachability
-from app.planning.refinement import Refinement, refine
+from app.planning.reachable.reachability import reachability
+from app.planning.refining.refinement import Refinement, refine
 from app.planning.stop import Stop, Stopped
-from app.planning.system import FloatArray, System
 
 PROBLEM = Problem(np.zeros(2), np.array([0.5, 0.0]))
 LONG = Problem(np.array([0.1, 0.2]), np.array([1e3, 0.5]), horizon=1024)

@@ -9,7 +9,7 @@ import pytest
 
 from app.settings import SHIPPED_MODELS, Settings
 from tests.recorded.requests import ANSWERS, Recorded, all_requests
-from tests.serving import serving, wait_until_ready
+from tests.served import serving, wait_until_ready
 
 RECORDED = [
     (asked, json.loads(line))

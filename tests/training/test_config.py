@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
-from app.planning.system import System
 from training.config import DEFAULT_CONFIG, TrainingConfig
 
 

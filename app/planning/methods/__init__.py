@@ -7,8 +7,8 @@ from app.planning.methods.cem import CEM
 from app.planning.methods.dataset_prior import DatasetPrior
 from app.planning.methods.icem import ICEM
 from app.planning.methods.mppi import MPPI
-from app.planning.methods.started import Started
 from app.planning.methods.uniform import Uniform
+from app.planning.methods.warm_started import Started
 
 AnyOptimiser: TypeAlias = CEM | ICEM | MPPI
 AnyMethod: TypeAlias = ActionDiffusion | DatasetPrior | Uniform | AnyOptimiser

@@ -8,9 +8,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from app.planning.metrics import terminal_error
+from app.planning.plant.system import FloatArray, rollout
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
-from app.planning.system import FloatArray, rollout
 
 
 class LearnedProposal(Protocol):

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from app.compilation import compiled
 from app.planning.methods.base import LearnedProposal, check_initial_controls
 from app.planning.options import OPTION_CHECKS, check_ranges
+from app.planning.plant.system import FloatArray, Parameters, terminal_state
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Flag, Stop
-from app.planning.system import FloatArray, Parameters, terminal_state
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from annotated_types import Ge, Gt, Le, Lt
 
 from app.planning.methods.base import LearnedProposal, check_initial_controls, score
 from app.planning.options import OPTION_CHECKS, check_ranges
+from app.planning.plant.system import FloatArray
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
-from app.planning.system import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from app.planning.methods import CEM, Uniform
 from app.planning.methods.base import Method
 from app.planning.plan import Plan
 from app.planning.planner import plan
+from app.planning.plant.system import System
 from app.planning.problem import Cost, Problem
-from app.planning.system import System
 
 TASK = Problem(np.zeros(2), np.array([0.5, 0.0]))
 

@@ -3,9 +3,9 @@ import pytest
 
 from app.planning.methods import DatasetPrior, Uniform
 from app.planning.planner import plan
+from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
 from app.planning.problem import Cost, Problem
-from app.planning.system import System
 
 PROBLEM = Problem(np.zeros(2), np.array([0.4, 0.0]), System(control_limit=1.5), horizon=50)
 

@@ -8,8 +8,8 @@ from app.planning.methods.base import Method, Scored, score
 from app.planning.methods.icem import coloured_noise
 from app.planning.plan import Plan
 from app.planning.planner import plan
+from app.planning.plant.system import FloatArray, System
 from app.planning.problem import Cost, Problem
-from app.planning.system import FloatArray, System
 
 TASK = Problem(np.zeros(2), np.array([0.5, 0.0]))
 QUICK = ICEM(iterations=10)

@@ -1,8 +1,8 @@
 import numpy as np
 
 from app.planning.methods import Uniform
+from app.planning.plant.system import System
 from app.planning.problem import Cost, Problem
-from app.planning.system import System
 
 PROBLEM = Problem(np.zeros(2), np.array([0.4, 0.0]), System(control_limit=1.5), horizon=50)
 

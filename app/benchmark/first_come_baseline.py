@@ -1,0 +1,26 @@
+"""The service with an engine that serves samplings one after the other, to compare ours with.
+
+`python -m app.benchmark.first_come_baseline` takes the flags of `breakaway serve`.
+"""
+
+from collections.abc import Sequence
+
+from app.inference.sampling import Sampling
+from app.main import create_app
+from app.server import Server
+from app.settings import Settings
+
+
+def first_come_first_served(
+    samplings: Sequence[Sampling],
+    budget: int,
+    tick_seconds: float,  # noqa: ARG001
+) -> dict[Sampling, int]:
+    """Give every row of a tick to the sampling that came first (a `Share`)."""
+    oldest = min(samplings, key=lambda sampling: sampling.job.arrived)
+    return {oldest: min(oldest.rows_waiting, budget)}
+
+
+if __name__ == "__main__":
+    settings = Settings(_cli_parse_args=True)
+    Server(create_app(settings, first_come_first_served), settings).run()

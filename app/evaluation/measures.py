@@ -1,0 +1,30 @@
+"""From an answer to a row of numbers."""
+
+from app.evaluation.answer_log import Answer
+
+OF_A_PLAN = ("terminal_error", "gap", "control_energy", "control_smoothness")
+OF_A_SEQUENCE = ("final_error", "mean_end_error", "mean_end_floor")
+
+
+def measures(answer: Answer) -> dict[str, float]:
+    """Return the measures of a plan, or of a sequence of plans.
+
+    Errors, gaps and floors are in m, energy and smoothness in (m/s^2)^2, times in ms; `compute_ms`
+    is the service's own time for all plans of the answer, `latency_ms` what the client waited.
+    """
+    content = answer.content
+    row: dict[str, float] = {"seed": content["seed"]}
+    if "segments" in content:
+        row |= {name: content[name] for name in OF_A_SEQUENCE}
+        row["control_energy"] = sum(part["control_energy"] for part in content["segments"])
+    else:
+        row |= {name: content[name] for name in OF_A_PLAN}
+        row["floor"] = content["reachability"]["floor"]
+        row["reachable"] = content["reachability"]["reachable"]
+    return row | {
+        "stuck_steps": content["stuck_steps"],
+        "network_evaluations": content["cost"]["network_evaluations"],
+        "rollouts": content["cost"]["rollouts"],
+        "compute_ms": answer.compute_ms,
+        "latency_ms": answer.latency_ms,
+    }

@@ -1,0 +1,122 @@
+"""From sections to files that a person wants: Markdown and HTML, LaTeX tables, figures, CSV."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import pandas as pd
+from markdown_it import MarkdownIt
+from tabulate import tabulate
+
+from app.evaluation.answer_log import Session
+from app.evaluation.section import Picture, Section, Table
+
+TITLE = "Breakaway: evaluation"
+PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+body {{ font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 75rem; margin: 2rem auto;
+  padding: 0 1rem; }}
+h1, h2 {{ line-height: 1.2; }}
+h2 {{ margin-top: 3rem; border-top: 1px solid #ddd; padding-top: 1.5rem; }}
+table {{ border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums;
+  margin: .5rem 0 2rem; display: block; overflow-x: auto; }}
+th, td {{ padding: .2rem .7rem; text-align: left; white-space: nowrap; }}
+thead th {{ border-bottom: 1px solid #333; border-top: 2px solid #333; }}
+tbody tr:last-child td {{ border-bottom: 2px solid #333; }}
+tbody tr:hover {{ background: #f3f6fa; }}
+img {{ max-width: 100%; }}
+</style>
+</head>
+<body>
+{body}</body>
+</html>
+"""
+
+
+def write_report(
+    directory: Path,
+    session: Session,
+    concurrencies: Sequence[int],
+    settings: str,
+    sections: Mapping[str, Section],
+    data: Mapping[str, pd.DataFrame],
+) -> Path:
+    """Write the whole report; return its Markdown file.
+
+    Args:
+        directory: takes `report.md`, `report.html` and the folders `tables`, `figures` and `data`.
+        session: who answered.
+        concurrencies: requests under way at once, in each session.
+        settings: of the evaluation.
+        sections: by the suites' names.
+        data: by the suites' names.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    for name in ("tables", "figures", "data"):
+        (directory / name).mkdir(parents=True, exist_ok=True)
+    for section in sections.values():
+        for table in section.tables:
+            (directory / "tables" / f"{table.name}.tex").write_text(_latex(table))
+        for picture in section.pictures:
+            _save(picture, directory / "figures")
+    for name, frame in data.items():
+        frame.to_csv(directory / "data" / f"{name}.csv", index=False)
+    text = "\n".join(_markdown(session, concurrencies, settings, list(sections.values())))
+    body = MarkdownIt("commonmark").enable("table").render(text)
+    (directory / "report.html").write_text(PAGE.format(title=escape(TITLE), body=body))
+    report = directory / "report.md"
+    report.write_text(text)
+    return report
+
+
+def _markdown(
+    session: Session, concurrencies: Sequence[int], settings: str, sections: list[Section]
+) -> Iterator[str]:
+    yield f"# {TITLE}\n"
+    yield from _header(session, concurrencies, settings)
+    if any(section.claims for section in sections):
+        yield "\n## What the paper says, and what we find"
+    for section in sections:
+        if section.claims:
+            yield f"\n### {section.title}\n"
+        for claim in section.claims:
+            verdict = "Confirmed" if claim.confirmed else "Not confirmed"
+            yield f"- **{verdict}.** *{claim.statement}* {claim.evidence}"
+    for section in sections:
+        yield f"\n## {section.title}\n"
+        yield f"{section.introduction}\n"
+        for picture in section.pictures:
+            yield f"![{picture.caption}](figures/{picture.name}.png)\n"
+            yield f"*{picture.caption}* ([PDF](figures/{picture.name}.pdf))\n"
+        for table in section.tables:
+            yield f"{table.caption}\n"
+            yield tabulate(table.rows, table.headings, tablefmt="pipe", disable_numparse=True)
+            yield ""
+
+
+def _header(session: Session, concurrencies: Sequence[int], settings: str) -> Iterator[str]:
+    info = session.info
+    libraries = ", ".join(f"{name} {number}" for name, number in info.libraries.items())
+    at_once = ", ".join(str(number) for number in sorted(set(concurrencies)))
+    yield f"- Breakaway {info.version} ({libraries}), asked on {session.began:%Y-%m-%d}"
+    yield f"- {info.machine}; network on {info.device} with {info.network_threads} threads"
+    yield f"- {settings}; requests under way at once: {at_once}"
+    for model in session.models:
+        yield f"- model {model.name}/{model.version}, sha256 `{model.sha256}`"
+
+
+def _latex(table: Table) -> str:
+    tabular = tabulate(table.rows, table.headings, tablefmt="latex_booktabs", disable_numparse=True)
+    return f"% {table.caption}\n{tabular}\n".replace("±", r"$\pm$")
+
+
+def _save(picture: Picture, folder: Path) -> None:
+    picture.figure.savefig(folder / f"{picture.name}.png")
+    picture.figure.savefig(folder / f"{picture.name}.pdf", metadata={"CreationDate": None})

@@ -1,0 +1,30 @@
+"""The suites, a file each."""
+
+from app.evaluation.suite import Suite
+from app.evaluation.suites.error_compute import ErrorCompute
+from app.evaluation.suites.friction_sensitivity import FrictionSensitivity
+from app.evaluation.suites.learned_prior import LearnedPrior
+from app.evaluation.suites.multistep_random import MultistepRandom
+from app.evaluation.suites.multistep_reference import MultistepReference
+from app.evaluation.suites.plant_sensitivity import PlantSensitivity
+from app.evaluation.suites.random_targets import RandomTargets
+from app.evaluation.suites.sample_budget import SampleBudget
+from app.evaluation.suites.sampler_frontier import SamplerFrontier
+from app.evaluation.suites.single_target import SingleTarget
+
+SUITES: dict[str, type[Suite]] = {
+    suite.name: suite
+    for suite in (
+        SingleTarget,
+        SampleBudget,
+        ErrorCompute,
+        MultistepReference,
+        MultistepRandom,
+        FrictionSensitivity,
+        RandomTargets,
+        PlantSensitivity,
+        LearnedPrior,
+        SamplerFrontier,
+    )
+}
+"""By name, in the order of the report."""

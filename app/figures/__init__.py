@@ -1,0 +1,1 @@
+"""Figures of plans, for the command line and the report."""

@@ -1,0 +1,76 @@
+"""The checkpoint's own TorchScript as a network: right for every one, on every device."""
+
+import warnings
+
+import torch
+from torch import Tensor
+
+from app.inference.networks.base import CONDITION_SIZE
+from app.inference.row_threads import ROWS_AT_A_TIME, RowThreads
+
+
+def freeze(script: torch.jit.ScriptModule) -> torch.jit.ScriptModule:
+    """Return a network in evaluation mode as one that runs faster and has no parts."""
+    with warnings.catch_warnings():
+        # TorchScript is the checkpoint contract; its deprecation is known and planned for.
+        warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
+        frozen: torch.jit.ScriptModule = torch.jit.freeze(script)
+        return frozen
+
+
+class ScriptedNetwork:
+    """The checkpoint as it is.
+
+    On a CPU its rows are shared out over `threads`, and run in batches of one size, filled up with
+    zeros: so it leaves a core to whoever else needs it, and oneDNN, which keeps a compiled
+    primitive for every shape that it has seen, sees one, however many rows the requests have.
+
+    Args:
+        script: the checkpoint's network, in evaluation mode.
+        threads: share out the rows.
+    """
+
+    def __init__(self, script: torch.jit.ScriptModule, threads: RowThreads) -> None:
+        self._unet = freeze(script)
+        self._threads = threads
+
+    def embed(self, condition: Tensor) -> Tensor:
+        """Return the condition and whether to keep it; E = 5."""
+        embedding = condition.new_zeros(2, CONDITION_SIZE + 1)
+        embedding[0, :CONDITION_SIZE] = condition
+        embedding[0, CONDITION_SIZE] = 1.0
+        return embedding
+
+    def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
+        """Predict the noise, as `Network.predict`.
+
+        Raises:
+            RuntimeError: the network fails, or answers in the wrong shape.
+        """
+        if u_t.device.type != "cpu":
+            return self._run(u_t, t, embedding)
+        noise = torch.empty_like(u_t)
+
+        @torch.inference_mode()
+        def work(rows: slice) -> None:
+            if torch.get_num_threads() > 1:
+                torch.set_num_threads(1)
+            count = rows.stop - rows.start
+            batch = (_filled(part[rows], ROWS_AT_A_TIME) for part in (u_t, t, embedding))
+            noise[rows] = self._run(*batch)[:count]
+
+        self._threads.share(len(u_t), work)
+        return noise
+
+    def _run(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
+        condition, keep = embedding[:, :CONDITION_SIZE], embedding[:, CONDITION_SIZE] > 0
+        noise: Tensor = self._unet(u_t.unsqueeze(1), t, condition, keep)[:, 0]
+        if noise.shape != u_t.shape:
+            # Assigning it to the rows would broadcast it.
+            raise RuntimeError(f"the output has shape {tuple(noise.shape)}")
+        return noise
+
+
+def _filled(rows: Tensor, count: int) -> Tensor:
+    """Return `rows` followed by as many of zeros as make `count`."""
+    return torch.cat([rows, rows.new_zeros(count - len(rows), *rows.shape[1:])])

@@ -1,0 +1,1 @@
+"""The plant: its friction law, and what follows from it."""

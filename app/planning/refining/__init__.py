@@ -1,0 +1,1 @@
+"""From candidates to plans that arrive, through the true dynamics."""

@@ -1,0 +1,338 @@
+"""Descent of energy or roughness among the plans that arrive: a quadratic program a motion.
+
+Where the controls arrive in the first place is the matter of gauss_newton.py.
+"""
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.compilation import compiled
+from app.planning.plant.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
+from app.planning.plant.sensitivity import linearise
+from app.planning.plant.system import FloatArray, Parameters, terminal_state
+from app.planning.refining.gauss_newton import EXACT, arrive
+from app.planning.stop import Flag
+
+NUM_TERMINAL_ROWS = 2
+MAX_ROWS = 24
+"""Two terminal rows, and as many velocities as can be held at a switch at once."""
+PROXIMAL = 1e-7
+"""Added to the Hessian, which for the roughness is singular; each step makes up for the last."""
+SETTLED = 1e-10
+"""A step smaller than this, m/s^2, is none."""
+SLOWEST = 1e-13
+"""A velocity that changes by less than this, m/s, does not change."""
+WORTHWHILE = 1e-5
+"""A new motion must lower the objective by this share."""
+MAX_TRIALS = 7
+RELEASED = 1e-8
+"""A multiplier of the wrong sign counts from here on."""
+DEPENDENT = 1e-11
+FREE, LOW, HIGH = 0, -1, 1
+
+IntArray: TypeAlias = NDArray[np.int64]
+
+
+@compiled
+def quadratic(controls: FloatArray, roughness: bool) -> float:
+    """Return sum u_k^2 of `controls` (H,), or with `roughness` sum (u_{k+1} - u_k)^2."""
+    total = 0.0
+    if roughness:
+        for k in range(controls.size - 1):
+            total += (controls[k + 1] - controls[k]) ** 2
+    else:
+        for control in controls:
+            total += control * control
+    return total
+
+
+@compiled
+def descend(
+    controls: FloatArray,
+    position: float,
+    velocity: float,
+    target: FloatArray,
+    parameters: Parameters,
+    roughness: bool,
+    iterations: int,
+    stopped: Flag,
+) -> tuple[float, int]:
+    """Lower the objective of `controls` (H,) in place; return their terminal error, the rollouts.
+
+    With the motion kept (motion.py), the terminal state is affine in the controls and the least
+    objective that ends in the same state is a convex quadratic program, solved exactly. Where it
+    presses against the edge of its motion, a step across the edge is tried, brought back to the
+    terminal state by Gauss-Newton, and kept if that lowers the objective; then follows the next
+    program. The terminal error never grows by more than rounding (`EXACT`).
+    """
+    limit = parameters[3]
+    p, v = terminal_state(controls, position, velocity, parameters)
+    reached = np.array([p, v])
+    error = math.hypot(p - target[0], v - target[1])
+    allowed = error + EXACT
+    rollouts = 1
+    value = quadratic(controls, roughness)
+    trial = np.empty(controls.size)
+    for _ in range(iterations):
+        if stopped[0]:
+            break
+        trial[:] = controls
+        across, spent = _least_within_motion(
+            trial, position, velocity, parameters, roughness, stopped
+        )
+        rollouts += spent
+        fraction = 1.0
+        for _ in range(MAX_TRIALS):
+            trial_error, spent = _bring_back(
+                trial, position, velocity, reached, target, parameters, iterations, stopped
+            )
+            rollouts += spent
+            trial_value = quadratic(trial, roughness)
+            if trial_error <= allowed and trial_value < (1.0 - WORTHWHILE) * value:
+                break
+            # The motion has its least; on across its edge, by halves.
+            for k in range(controls.size):
+                trial[k] = min(limit, max(-limit, controls[k] + fraction * across[k]))
+            fraction *= 0.5
+        else:
+            break
+        controls[:], value, error = trial, trial_value, trial_error
+    return error, rollouts
+
+
+@compiled
+def _bring_back(
+    controls: FloatArray,
+    position: float,
+    velocity: float,
+    reached: FloatArray,
+    target: FloatArray,
+    parameters: Parameters,
+    iterations: int,
+    stopped: Flag,
+) -> tuple[float, int]:
+    """Move `controls` back to the state `reached`; return their error to the target, rollouts."""
+    _, rollouts = arrive(controls, position, velocity, reached, parameters, iterations, stopped)
+    p, v = terminal_state(controls, position, velocity, parameters)
+    return math.hypot(p - target[0], v - target[1]), rollouts + 1
+
+
+@compiled
+def _least_within_motion(
+    controls: FloatArray,
+    position: float,
+    velocity: float,
+    parameters: Parameters,
+    roughness: bool,
+    stopped: Flag,
+) -> tuple[FloatArray, int]:
+    """Move `controls` (H,) to the least objective of their motion and terminal state, in place.
+
+    The primal active-set method (Nocedal and Wright, Numerical Optimization, Algorithm 16.3) with a
+    tridiagonal Hessian. Controls on their bound are frozen; velocities on the edge of their branch
+    are held by a row each, beside the two rows of the terminal state. Also returns the direction
+    (H,) in which the objective would fall if the motion did not matter, and the rollouts.
+    """
+    _, _, damping, limit, time_step, _ = parameters
+    horizon = controls.size
+    motion = motion_of(controls, position, velocity, parameters)
+    rows = np.zeros((MAX_ROWS, horizon))
+    linearise(controls, position, velocity, parameters, rows[:NUM_TERMINAL_ROWS])
+    held = np.zeros(horizon, dtype=np.int64)
+    held_at = np.zeros(MAX_ROWS, dtype=np.int64)
+    num_rows = NUM_TERMINAL_ROWS
+    frozen = np.zeros(horizon, dtype=np.int64)
+    reduced, direction, rates = np.empty(horizon), np.empty(horizon), np.empty(horizon)
+    for _ in range(6 * horizon):
+        if stopped[0]:
+            break
+        multipliers = _newton_step(controls, rows[:num_rows], frozen, roughness, direction, reduced)
+        largest = 0.0
+        for k in range(horizon):
+            largest = max(largest, abs(direction[k]))
+        if largest <= SETTLED:
+            remaining = _release(frozen, reduced, held, held_at, multipliers, rows, num_rows)
+            if remaining < 0:
+                break
+            num_rows = remaining
+            continue
+        free_velocity_rates(motion, direction, time_step, damping, rates)
+        fraction, blocking = _longest_step(controls, direction, frozen, motion, rates, held)
+        for k in range(horizon):
+            moved = controls[k] + fraction * direction[k]
+            controls[k] = min(motion.control_high[k], max(motion.control_low[k], moved))
+            motion.free_velocity[k] += fraction * rates[k]
+        if blocking >= horizon:
+            if num_rows == MAX_ROWS:
+                break
+            at = blocking - horizon
+            held_at[num_rows] = at
+            held[at] = HIGH if rates[at] > 0.0 else LOW
+            free_velocity_row(motion, at, time_step, damping, rows[num_rows])
+            num_rows += 1
+        elif blocking >= 0:
+            if direction[blocking] > 0.0:
+                frozen[blocking], controls[blocking] = HIGH, motion.control_high[blocking]
+            else:
+                frozen[blocking], controls[blocking] = LOW, motion.control_low[blocking]
+    # Only the bounds of the controls stay; those of static friction belong to the motion.
+    frozen[np.abs(controls) < limit] = FREE
+    _newton_step(controls, rows[:NUM_TERMINAL_ROWS], frozen, roughness, direction, reduced)
+    return direction, 2
+
+
+@compiled
+def _longest_step(
+    controls: FloatArray,
+    direction: FloatArray,
+    frozen: IntArray,
+    motion: Motion,
+    rates: FloatArray,
+    held: IntArray,
+) -> tuple[float, int]:
+    """Return the share of `direction` (H,) that keeps the motion, and what blocks the rest of it.
+
+    That is k for the bound of control k, H + k for the edge of free velocity k, -1 for nothing.
+    """
+    horizon = controls.size
+    longest, blocking = 1.0, -1
+    for k in range(horizon):
+        if frozen[k] == FREE and direction[k] != 0.0:
+            bound = motion.control_high[k] if direction[k] > 0.0 else motion.control_low[k]
+            share = (bound - controls[k]) / direction[k]
+            if share < longest:
+                longest, blocking = max(share, 0.0), k
+        if held[k] == FREE and abs(rates[k]) > SLOWEST:
+            bound = motion.velocity_high[k] if rates[k] > 0.0 else motion.velocity_low[k]
+            share = (bound - motion.free_velocity[k]) / rates[k]
+            if share < longest:
+                longest, blocking = max(share, 0.0), horizon + k
+    return longest, blocking
+
+
+@compiled
+def _newton_step(
+    controls: FloatArray,
+    rows: FloatArray,
+    frozen: IntArray,
+    roughness: bool,
+    direction: FloatArray,
+    reduced: FloatArray,
+) -> FloatArray:
+    """Fill `direction` (H,) with the step to the least objective that leaves `rows` (M, H) alone.
+
+    Solves T d + g = R^T y, R d = 0 for d on the free controls and y, with the tridiagonal Hessian
+    T and gradient g of the objective: d = T^-1 (R^T y - g), (R T^-1 R^T) y = R T^-1 g. Fills
+    `reduced` (H,) with g - R^T y and returns the multipliers y (M,).
+    """
+    num_rows, horizon = rows.shape
+    diagonal, coupling = np.full(horizon, 2.0 + PROXIMAL), np.zeros(horizon)
+    gradient = 2.0 * controls
+    if roughness:
+        for k in range(horizon):
+            neighbours = 0.0
+            gradient[k] = 0.0
+            for other in (k - 1, k + 1):
+                if 0 <= other < horizon:
+                    neighbours += 1.0
+                    gradient[k] += 2.0 * (controls[k] - controls[other])
+            diagonal[k] = 2.0 * neighbours + PROXIMAL
+            if k + 1 < horizon and frozen[k] == FREE and frozen[k + 1] == FREE:
+                coupling[k] = -2.0
+    solved = np.empty((num_rows + 1, horizon))
+    for i in range(num_rows + 1):
+        for k in range(horizon):
+            value = gradient[k] if i == num_rows else rows[i, k]
+            solved[i, k] = value if frozen[k] == FREE else 0.0
+    _solve_tridiagonal(diagonal, coupling, solved)
+    schur, multipliers = np.empty((num_rows, num_rows)), np.empty(num_rows)
+    for i in range(num_rows):
+        for j in range(num_rows):
+            schur[i, j] = np.sum(rows[i] * solved[j])
+        multipliers[i] = np.sum(rows[i] * solved[num_rows])
+    _solve_semidefinite(schur, multipliers)
+    for k in range(horizon):
+        reduced[k] = gradient[k]
+        direction[k] = -solved[num_rows, k]
+        for i in range(num_rows):
+            reduced[k] -= rows[i, k] * multipliers[i]
+            direction[k] += solved[i, k] * multipliers[i]
+    return multipliers
+
+
+@compiled
+def _solve_tridiagonal(
+    diagonal: FloatArray, coupling: FloatArray, right_hand_sides: FloatArray
+) -> None:
+    """Solve for each of `right_hand_sides` (M, H) in place (Thomas); `diagonal` is overwritten."""
+    horizon = diagonal.size
+    for k in range(1, horizon):
+        factor = coupling[k - 1] / diagonal[k - 1]
+        diagonal[k] -= factor * coupling[k - 1]
+        for i in range(len(right_hand_sides)):
+            right_hand_sides[i, k] -= factor * right_hand_sides[i, k - 1]
+    for i in range(len(right_hand_sides)):
+        right_hand_sides[i, horizon - 1] /= diagonal[horizon - 1]
+        for k in range(horizon - 2, -1, -1):
+            right_hand_sides[i, k] -= coupling[k] * right_hand_sides[i, k + 1]
+            right_hand_sides[i, k] /= diagonal[k]
+
+
+@compiled
+def _solve_semidefinite(matrix: FloatArray, unknowns: FloatArray) -> None:
+    """Solve in place by elimination; a row that depends on those before it gets zero."""
+    size = unknowns.size
+    original = np.empty(size)
+    for i in range(size):
+        original[i] = matrix[i, i]
+    for i in range(size):
+        if matrix[i, i] <= DEPENDENT * original[i]:
+            continue
+        for j in range(i + 1, size):
+            factor = matrix[j, i] / matrix[i, i]
+            matrix[j] -= factor * matrix[i]
+            unknowns[j] -= factor * unknowns[i]
+    for i in range(size - 1, -1, -1):
+        if matrix[i, i] <= DEPENDENT * original[i]:
+            unknowns[i] = 0.0
+            continue
+        for j in range(i + 1, size):
+            unknowns[i] -= matrix[i, j] * unknowns[j]
+        unknowns[i] /= matrix[i, i]
+
+
+@compiled
+def _release(
+    frozen: IntArray,
+    reduced: FloatArray,
+    held: IntArray,
+    held_at: IntArray,
+    multipliers: FloatArray,
+    rows: FloatArray,
+    num_rows: int,
+) -> int:
+    """Release the bound or row that the objective pulls away from most; return the rows left.
+
+    Returns -1 where there is none: the multipliers have the signs of a minimum.
+    """
+    most, control, row = RELEASED, -1, -1
+    for k in range(frozen.size):
+        pull = frozen[k] * reduced[k]
+        if pull > most:
+            most, control = pull, k
+    for i in range(NUM_TERMINAL_ROWS, num_rows):
+        pull = held[held_at[i]] * multipliers[i] * math.sqrt(np.sum(rows[i] ** 2))
+        if pull > most:
+            most, row = pull, i
+    if row >= 0:
+        last = num_rows - 1
+        held[held_at[row]] = FREE
+        rows[row], held_at[row] = rows[last], held_at[last]
+        return last
+    if control >= 0:
+        frozen[control] = FREE
+        return num_rows
+    return -1

@@ -1,0 +1,1 @@
+"""The service without HTTP: from a request to an answer, whoever asks."""

@@ -1,0 +1,197 @@
+"""Who may come in: bounded by cost, and by whether everybody will still be in time."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Literal, NamedTuple, TypeAlias
+
+from app.inference.job import Job
+from app.inference.model_store import Model
+from app.serving.forecast import finish_times, queue_times
+from app.serving.rates import Rates
+from app.settings import Settings
+
+MARGIN = 1.75
+"""A forecast may be this much too short."""
+MARGIN_SECONDS = 0.01
+"""And by this much for each request that is pending: they take turns in Python's interpreter."""
+
+SHORT_SECONDS = 0.05
+"""A compiled plan that takes no longer waits for none that does."""
+
+NONE = "none"
+"""In the place of a model's name where there is none."""
+Lane: TypeAlias = Literal["network", "short", "long"]
+"""Where a plan waits its turn: for the network, or for a core among plans of its own kind."""
+Reason: TypeAlias = Literal["queue_full", "deadline"]
+
+
+class Refused(Exception):
+    """The request was not taken on; nothing was done for it."""
+
+    def __init__(self, reason: Reason, detail: str, retry_after_s: float) -> None:
+        super().__init__(detail)
+        self.reason = reason
+        self.retry_after_s = max(1, math.ceil(retry_after_s))
+
+
+@dataclass(eq=False, slots=True)
+class Work:
+    """What a request takes, as far as it is known when it arrives."""
+
+    job: Job
+    """Its rows through the network."""
+    model: Model | None
+    """None where there are no such rows."""
+    rows_per_step: int
+    """Rows of its job that can go through the network at once."""
+    rollout_steps: int
+    """Simulated time steps, over all targets."""
+    kind: str
+    """Plans of a kind take about as long for a time step."""
+
+
+class Pending(NamedTuple):
+    """What is at work or waiting."""
+
+    requests: int
+    rows: int
+    """That still have to go through the network."""
+
+
+class Admission:
+    """Keeps count of what was taken on, and forecasts when it will be done.
+
+    Args:
+        settings: the bounds.
+        rates: how fast work gets done.
+        compiled_at_once: how many compiled plans are worked on at once, in each lane.
+    """
+
+    def __init__(self, settings: Settings, rates: Rates, compiled_at_once: int) -> None:
+        self._settings = settings
+        self._rates = rates
+        self._compiled_at_once = compiled_at_once
+        self._admitted: dict[Work, Lane] = {}
+
+    def __len__(self) -> int:
+        return len(self._admitted)
+
+    @property
+    def jobs(self) -> list[Job]:
+        """The jobs of all that was taken on and is not done."""
+        return [work.job for work in self._admitted]
+
+    @property
+    def pending(self) -> dict[str, Pending]:
+        """What was taken on and is not done, by model."""
+        by_model: dict[str, Pending] = {}
+        for work in self._admitted:
+            label = work.model.label if work.model else NONE
+            requests, rows = by_model.get(label, (0, 0))
+            by_model[label] = Pending(requests + 1, rows + work.job.rows_left)
+        return by_model
+
+    @contextmanager
+    def admitted(self, work: Work) -> Iterator[Lane]:
+        """Take on `work` until the context ends, and say in which lane it goes.
+
+        Raises:
+            Refused: there is too much to do already, or it or another one would miss its deadline.
+        """
+        lane = self._lane(work)
+        self._check_cost(work)
+        self._check_deadlines(work, lane)
+        self._admitted[work] = lane
+        try:
+            yield lane
+        finally:
+            del self._admitted[work]
+
+    def _lane(self, work: Work) -> Lane:
+        if work.model:
+            return "network"
+        return "short" if self._computing_seconds(work) <= SHORT_SECONDS else "long"
+
+    def _computing_seconds(self, work: Work) -> float:
+        return self._rates.seconds_of_steps(work.kind, work.rollout_steps)
+
+    def _check_cost(self, work: Work) -> None:
+        settings = self._settings
+        for what, value, limit in (
+            ("requests", len(self._admitted) + 1, settings.max_pending),
+            (
+                "rows through the network",
+                sum(job.rows_left for job in self.jobs) + work.job.rows_left,
+                settings.max_pending_rows,
+            ),
+            (
+                "simulated time steps",
+                sum(other.rollout_steps for other in self._admitted) + work.rollout_steps,
+                settings.max_pending_rollout_steps,
+            ),
+        ):
+            if value > limit:
+                raise Refused("queue_full", f"with this one, {value} {what} would be pending", 1.0)
+
+    def _check_deadlines(self, new: Work, lane: Lane) -> None:
+        """Refuse `new` if it would be late, or would hold up another one that must not be."""
+        now = perf_counter()
+        after = self._forecast({**self._admitted, new: lane})
+
+        def lateness(work: Work) -> float:
+            """Return by how many seconds it may miss its deadline."""
+            due = now + MARGIN * after[work] + MARGIN_SECONDS * len(after)
+            return due - work.job.deadline
+
+        late = lateness(new)
+        if late > 0:
+            left = new.job.deadline - now
+            raise Refused(
+                "deadline",
+                f"it would take about {left + late:.2g} s, and its deadline is in {left:.2g} s",
+                late,
+            )
+        in_danger = [
+            other for other in self._admitted if other.job.deadline > now and lateness(other) > 0
+        ]
+        before = self._forecast(self._admitted) if in_danger else {}
+        for other in in_danger:
+            if after[other] > before[other]:
+                detail = "another request would miss its deadline"
+                raise Refused("deadline", detail, lateness(other))
+
+    def _forecast(self, admitted: dict[Work, Lane]) -> dict[Work, float]:
+        """Return in how many seconds each is done."""
+        lanes: dict[Lane, list[Work]] = {"network": [], "short": [], "long": []}
+        for work, lane in admitted.items():
+            lanes[lane].append(work)
+        lanes["network"].sort(key=lambda work: work.job.urgency)
+        return {
+            **self._sampled(lanes["network"], is_crowded=bool(lanes["long"])),
+            **self._computed(lanes["short"]),
+            **self._computed(lanes["long"]),
+        }
+
+    def _computed(self, works: list[Work]) -> dict[Work, float]:
+        seconds = [self._computing_seconds(work) for work in works]
+        return dict(zip(works, queue_times(seconds, self._compiled_at_once), strict=True))
+
+    def _sampled(self, works: list[Work], is_crowded: bool) -> dict[Work, float]:
+        sampling, crowded_out = [], []
+        for work in works:
+            assert work.model is not None
+            seconds = self._rates.seconds_of_rows(
+                work.model, work.job.rows_left, is_crowded=is_crowded
+            )
+            sampling.append(seconds)
+            # Beside others, a step takes a whole tick, however few rows of it are its own.
+            ticks_of_a_row = max(1.0, work.model.pace.rows_at_once / work.rows_per_step)
+            crowded_out.append(seconds * (ticks_of_a_row - 1.0) if len(works) > 1 else 0.0)
+        finished = zip(works, finish_times(sampling), crowded_out, strict=True)
+        return {
+            work: finish + waiting + self._computing_seconds(work)
+            for work, finish, waiting in finished
+        }

@@ -1,0 +1,1 @@
+"""What travels between a service and who asks it: requests, answers, problems."""

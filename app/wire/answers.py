@@ -1,0 +1,118 @@
+"""Answers: what a service makes of a request."""
+
+from typing import Annotated
+
+from pydantic import ConfigDict, Field, PlainSerializer
+
+from app.planning.plant.system import System
+from app.wire.model import WireModel
+
+
+class ModelReference(WireModel):
+    """The checkpoint behind a plan."""
+
+    model_config = ConfigDict(protected_namespaces=())
+
+    name: str
+    version: str
+    sha256: str
+
+
+class CostReport(WireModel):
+    """What a plan took."""
+
+    network_evaluations: int = Field(
+        description="Forward passes of the network, each over all candidates."
+    )
+    rollouts: int = Field(description="Control sequences rolled out over the whole horizon.")
+
+
+class ReachabilityReport(WireModel):
+    """How near any plan could come to the target, by the physics alone."""
+
+    reachable: bool = Field(description="Whether the floor is zero, to within rounding.")
+    floor: float = Field(description="Least terminal error over all admissible controls.")
+    nearest_state: tuple[float, float] = Field(description="A state at that distance.")
+    minimum_steps: int | None = Field(
+        None, description="Fewest steps in which the target can be reached; absent if it cannot."
+    )
+
+
+class RefinementReport(WireModel):
+    """What refinement did to the best terminal error."""
+
+    error_before: float = Field(description="Of the best candidate as proposed.")
+    error_after: float
+    replaced: bool = Field(
+        description="Whether a repair put another motion in the selected candidate's place."
+    )
+
+
+Milliseconds = Annotated[float, PlainSerializer(lambda value: round(value, 3))]
+"""Sent to the microsecond: what lies below is noise."""
+
+
+class TimingReport(WireModel):
+    """Wall-clock milliseconds in the server."""
+
+    queue: Milliseconds = Field(description="Waiting for a free core or for the network.")
+    propose: Milliseconds
+    refine: Milliseconds
+    rollout: Milliseconds = Field(description="Rolling out, ranking and measuring.")
+    total: Milliseconds
+
+
+class CandidatesReport(WireModel):
+    """All candidates, in the order in which they were proposed."""
+
+    controls: list[list[float]] = Field(description="(K, H), m/s^2.")
+    terminal_errors: list[float] = Field(description="(K,).")
+    states: list[list[tuple[float, float]]] | None = Field(None, description="(K, H+1, 2).")
+
+
+class Segment(WireModel):
+    """A plan: the best candidate, and the measures of that very rollout."""
+
+    controls: list[float] = Field(description="u[0:H], m/s^2.")
+    states: list[tuple[float, float]] | None = Field(
+        None, description="(H+1, 2): position (m) and velocity (m/s)."
+    )
+    terminal_error: float = Field(description="||x_H - x*||_2.")
+    gap: float = Field(description="Terminal error less its floor.")
+    reachability: ReachabilityReport
+    refinement: RefinementReport | None = Field(None, description="Absent without `refine`.")
+    control_energy: float = Field(description="sum of u_k^2.")
+    control_smoothness: float = Field(description="sum of (u_{k+1} - u_k)^2.")
+    stuck_steps: int = Field(
+        description="Steps at rest, below the threshold of static friction and off the target."
+    )
+    cost: CostReport
+    timing_ms: TimingReport
+    candidates: CandidatesReport | None = None
+
+
+class _Provenance(WireModel):
+    method: str
+    model: ModelReference | None = Field(None, description="Absent for methods that need no model.")
+    seed: int
+    system: System = Field(description="The plant that was planned for.")
+
+
+class PlanResponse(Segment, _Provenance):
+    """Answer to `POST /plan`."""
+
+
+class MultistepPlanResponse(_Provenance):
+    """Answer to `POST /plan_multistep`."""
+
+    segments: list[Segment]
+    controls: list[float] = Field(description="All segments' controls, (M*H,).")
+    states: list[tuple[float, float]] | None = Field(None, description="(M*H+1, 2).")
+    final_error: float = Field(description="Terminal error of the last segment.")
+    mean_end_error: float = Field(description="Terminal error averaged over the segments.")
+    mean_end_floor: float = Field(
+        description="Floor of the terminal error averaged over the segments, each from its start."
+    )
+    stuck_steps: int
+    cost: CostReport
+    timing_ms: TimingReport

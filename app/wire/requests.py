@@ -1,0 +1,146 @@
+"""Requests: what a service is asked for."""
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+)
+
+from app.planning.methods import ActionDiffusion, AnyMethod
+from app.planning.objectives import Objective
+from app.planning.plant.system import LARGEST, System
+from app.planning.problem import DEFAULT_HORIZON
+from app.planning.refining.refinement import Refinement
+from app.wire.model import WireModel
+
+MAX_TARGETS = 64
+MAX_SEED = 2**53 - 1
+"""The largest integer that every JSON reader keeps exactly."""
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
+State = Annotated[
+    tuple[Number, Number],
+    Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
+]
+Inclusion: TypeAlias = Literal["states", "candidates"]
+MethodName: TypeAlias = Literal[
+    "action_diffusion", "dataset_prior", "uniform", "cem", "icem", "mppi"
+]
+TaggedMethod = Annotated[AnyMethod, Field(discriminator="name")]
+MethodField = Annotated[
+    TaggedMethod,
+    BeforeValidator(
+        lambda value: {"name": value} if isinstance(value, str) else value,
+        json_schema_input_type=MethodName | TaggedMethod,
+    ),
+    Field(description="A method's name, or an object with its name and options (see /methods)."),
+]
+
+
+class Initial(WireModel):
+    """Where an optimiser starts: the candidates of another method are its first population."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    method: MethodField
+
+
+class _Request(WireModel):
+    model_config = ConfigDict(extra="forbid")
+
+    initial_state: State = Field(examples=[[0.0, 0.0]])
+    method: MethodField = ActionDiffusion()
+    num_candidates: Annotated[int, Field(strict=True, ge=1)] = Field(
+        16, description="K: candidates that are rolled out and ranked."
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, le=MAX_SEED)] | None = Field(
+        None, description="Decides every random draw; without one the answer says which was drawn."
+    )
+    system: System | None = Field(
+        None, description="The plant, where it is not the nominal one (or the named model's)."
+    )
+    horizon: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+        None, description=f"H, time steps; {DEFAULT_HORIZON} or the named model's by default."
+    )
+    model: str | None = Field(
+        None,
+        description="A model's name, or name/version; by default the one that fits the plant.",
+        min_length=1,
+        max_length=128,
+    )
+    initial: Initial | None = Field(
+        None, description="Start an optimiser (cem, icem, mppi) from another method's candidates."
+    )
+    refine: Annotated[
+        Refinement | None,
+        BeforeValidator(
+            lambda value: {True: {}, False: None}[value] if isinstance(value, bool) else value,
+            json_schema_input_type=bool | Refinement | None,
+        ),
+    ] = Field(
+        None,
+        description="Descend from the candidates through the true dynamics: true, or options.",
+    )
+    objective: Objective = Field(
+        "terminal_error",
+        description="What ranks candidates that arrive equally well, and with `refine` what is "
+        "lowered among the plans that arrive.",
+    )
+    deadline_ms: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+        None,
+        description="Milliseconds from the request's arrival in which the answer is of use: what "
+        "cannot be done by then is refused with 429, what runs out of time is dropped with 504. "
+        "The service's own maximum by default (see /info).",
+    )
+    include: list[Inclusion] = Field(
+        ["states"],
+        description="What the answer holds beside controls and measures.",
+        max_length=2,
+    )
+
+
+class PlanRequest(_Request):
+    """One plan, from a start to a target."""
+
+    target_state: State
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "initial_state": [0.0, 0.0],
+                    "target_state": [0.2, 0.0],
+                    "method": {
+                        "name": "action_diffusion",
+                        "sampler": "ddim",
+                        "steps": 50,
+                        "guidance_scale": 2.0,
+                    },
+                    "num_candidates": 16,
+                    "seed": 7,
+                }
+            ]
+        }
+    )
+
+
+class MultistepPlanRequest(_Request):
+    """Plans to several targets, one after the other."""
+
+    targets: list[State] = Field(min_length=1, max_length=MAX_TARGETS)
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "initial_state": [0.0, 0.0],
+                    "targets": [[0.4, 0.0], [-0.4, 0.0], [0.2, 0.0]],
+                    "method": "cem",
+                    "num_candidates": 128,
+                    "seed": 7,
+                }
+            ]
+        }
+    )

@@ -1,0 +1,250 @@
+"""Refinement: the exact derivative, what a refinement must never do, and how often it arrives."""
+
+from collections.abc import Callable, Iterator
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.planning.metrics import control_energy, control_smoothness, terminal_error
+from app.planning.objectives import TOLERANCE, Objective, best_candidate
+from app.planning.plant.sensitivity import terminal_jacobian
+from app.planning.plant.system import FloatArray, System, rollout, step
+from app.planning.prior import ControlPrior
+from app.planning.problem import Problem
+from app.planning.refining.refinement import Refined, Refinement, refine
+
+ROUNDING = 2e-12
+OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
+DESCENDED: dict[Objective, Callable[[FloatArray], FloatArray]] = {
+    "control_energy": control_energy,
+    "control_smoothness": control_smoothness,
+}
+
+
+def random_system(rng: np.random.Generator) -> System:
+    coulomb = rng.uniform(0, 1)
+    return System(
+        static_friction=coulomb + rng.uniform(0, 0.3),
+        coulomb_friction=coulomb,
+        viscous_damping=rng.uniform(0, 0.5),
+        control_limit=rng.uniform(0.2, 3),
+        time_step=rng.uniform(0.01, 0.1),
+        velocity_threshold=10 ** rng.uniform(-5, -2),
+    )
+
+
+def errors_of(problem: Problem, controls: FloatArray) -> FloatArray:
+    states = rollout(problem.system, problem.initial_state, controls)
+    return terminal_error(states[:, -1], problem.target_state)
+
+
+def random_problems(
+    num_problems: int, seed: int, target_speed: float = 0.0
+) -> Iterator[tuple[Problem, np.random.Generator]]:
+    """Starts in the training range, targets at rest or moving; each with a generator of its own."""
+    rng = np.random.default_rng(seed)
+    for draws in rng.spawn(num_problems):
+        start = np.array([draws.uniform(-1, 1), draws.uniform(-0.5, 0.5)])
+        target = np.array([draws.uniform(-1, 1), draws.uniform(-1, 1) * target_speed])
+        yield Problem(start, target), draws
+
+
+def distance_to_a_switch(problem: Problem, controls: FloatArray) -> float:
+    """How far, in velocity or control, the nearest branch of `step` is from any step taken."""
+    system = problem.system
+    position, velocity = problem.initial_state
+    nearest = np.inf
+    for control in controls:
+        at_rest = abs(velocity) < system.velocity_threshold
+        nearest = min(nearest, abs(abs(velocity) - system.velocity_threshold))
+        if at_rest:
+            nearest = min(nearest, abs(abs(control) - system.static_friction))
+        else:
+            friction = np.copysign(system.coulomb_friction, velocity)
+            drift = control - friction - system.viscous_damping * velocity
+            nearest = min(nearest, abs(velocity + system.time_step * drift))
+        position, velocity = step(position, velocity, control, system.parameters)
+    return float(nearest)
+
+
+def test_the_adjoint_is_the_central_difference_away_from_the_switches() -> None:
+    rng = np.random.default_rng(0)
+    nudge, checked = 1e-6, 0
+    while checked < 200:
+        system = random_system(rng)
+        problem = Problem(rng.uniform(-1, 1, 2), np.zeros(2), system, horizon=24)
+        scale = system.control_limit * rng.choice([0.3, 1.0])
+        controls = np.repeat(rng.uniform(-scale, scale, 6), 4)
+        if distance_to_a_switch(problem, controls) < 100 * nudge:
+            continue
+        checked += 1
+        state, jacobian = terminal_jacobian(system, problem.initial_state, controls)
+        nudges = nudge * np.eye(problem.horizon)
+        ahead = rollout(system, problem.initial_state, controls + nudges)[:, -1]
+        behind = rollout(system, problem.initial_state, controls - nudges)[:, -1]
+        np.testing.assert_allclose(jacobian.T, (ahead - behind) / (2 * nudge), atol=1e-8)
+        reached = rollout(system, problem.initial_state, controls[np.newaxis])[0, -1]
+        np.testing.assert_array_equal(state, reached)
+
+
+def test_a_stuck_mass_has_no_sensitivity() -> None:
+    _, jacobian = terminal_jacobian(System(), np.zeros(2), np.full(16, 0.5))
+    np.testing.assert_array_equal(jacobian, 0)
+
+
+def check(problem: Problem, controls: FloatArray, refined: Refined) -> None:
+    """What holds of every refinement."""
+    limit = problem.system.control_limit
+    assert refined.controls.shape == controls.shape
+    assert np.all(np.abs(refined.controls) <= limit)
+    assert np.all(refined.errors <= refined.errors_before + ROUNDING)
+    before = errors_of(problem, np.clip(controls, -limit, limit))
+    np.testing.assert_allclose(refined.errors_before, before, rtol=ROUNDING, atol=ROUNDING)
+    after = errors_of(problem, refined.controls)
+    np.testing.assert_allclose(refined.errors, after, rtol=ROUNDING, atol=ROUNDING)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    horizon=st.integers(1, 80),
+    num_candidates=st.integers(1, 4),
+    kind=st.sampled_from(["prior", "stuck", "saturated", "outside", "zero"]),
+    repair=st.booleans(),
+    objective=st.sampled_from(OBJECTIVES),
+    num_refined=st.none() | st.integers(1, 5),
+)
+def test_never_worse_and_never_out_of_bounds(
+    seed: int,
+    horizon: int,
+    num_candidates: int,
+    kind: str,
+    repair: bool,
+    objective: Objective,
+    num_refined: int | None,
+) -> None:
+    rng = np.random.default_rng(seed)
+    system = random_system(rng)
+    start = rng.choice([0, 1]) * rng.uniform(-1, 1, 2)
+    problem = Problem(start, rng.choice([0, 1], 2) * rng.uniform(-1, 1, 2), system, horizon)
+    limit, shape = system.control_limit, (num_candidates, horizon)
+    controls = {
+        "prior": ControlPrior().sample(num_candidates, horizon, limit, rng),
+        "stuck": np.full(shape, min(limit, 0.9 * system.static_friction)),
+        "saturated": limit * np.sign(rng.uniform(-1, 1, shape)),
+        "outside": rng.uniform(-3 * limit, 3 * limit, shape),
+        "zero": np.zeros(shape),
+    }[kind]
+    given_controls = controls.copy()
+    options = Refinement(iterations=10, num_refined=num_refined, repair=repair)
+    refined = refine(problem, controls, options, objective)
+    np.testing.assert_array_equal(controls, given_controls)
+    check(problem, controls, refined)
+    improved = refined.errors < refined.errors_before - ROUNDING
+    assert np.count_nonzero(improved) <= (num_refined or num_candidates)
+
+
+def test_an_exact_plan_is_left_alone() -> None:
+    rng = np.random.default_rng(1)
+    controls = ControlPrior().sample(1, 64, 0.9, rng)
+    reached = rollout(System(), np.zeros(2), controls)[0, -1]
+    refined = refine(Problem(np.zeros(2), reached), controls, Refinement())
+    np.testing.assert_array_equal(refined.controls, controls)
+    assert not refined.replaced.any()
+
+
+def test_a_stuck_candidate_arrives() -> None:
+    problem = Problem(np.zeros(2), np.array([0.4, 0.0]))
+    controls = np.full((1, 64), 0.5)
+    assert refine(problem, controls, Refinement(repair=False)).errors[0] == pytest.approx(0.4)
+    repaired = refine(problem, controls, Refinement())
+    assert repaired.errors[0] < 1e-9
+    assert repaired.replaced[0]
+
+
+def test_the_same_call_gives_the_same_plan() -> None:
+    for problem, rng in random_problems(20, seed=3, target_speed=0.5):
+        controls = ControlPrior().sample(4, problem.horizon, 0.9, rng)
+        first = refine(problem, controls, Refinement())
+        second = refine(problem, controls, Refinement())
+        np.testing.assert_array_equal(first.controls, second.controls)
+
+
+@pytest.mark.parametrize(
+    ("num_candidates", "target_speed", "fraction"),
+    # Of these targets about 0.88 at rest and 0.7 moving are reachable.
+    [(16, 0.0, 0.85), (1, 0.0, 0.85), (16, 0.5, 0.66), (1, 0.5, 0.66)],
+)
+def test_what_can_be_reached_is_reached(
+    num_candidates: int, target_speed: float, fraction: float
+) -> None:
+    arrived = []
+    for problem, rng in random_problems(300, seed=5, target_speed=target_speed):
+        controls = ControlPrior().sample(num_candidates, problem.horizon, 0.9, rng)
+        refined = refine(problem, controls, Refinement())
+        check(problem, controls, refined)
+        arrived.append(refined.errors.min() < 1e-6)
+    assert np.mean(arrived) >= fraction
+
+
+@pytest.mark.parametrize("objective", DESCENDED)
+@pytest.mark.parametrize("target_speed", [0.0, 0.5])
+def test_the_objective_falls_and_the_plan_still_arrives(
+    objective: Objective, target_speed: float
+) -> None:
+    measure = DESCENDED[objective]
+    before: list[float] = []
+    after: list[float] = []
+    for problem, rng in random_problems(60, seed=9, target_speed=target_speed):
+        controls = ControlPrior().sample(2, problem.horizon, 0.9, rng)
+        exact = refine(problem, controls, Refinement(), "stuck_steps")
+        least = refine(problem, controls, Refinement(), objective)
+        check(problem, controls, least)
+        np.testing.assert_allclose(least.errors, exact.errors, atol=ROUNDING)
+        equal = exact.errors <= exact.errors.min() + TOLERANCE
+        before.extend(measure(exact.controls[equal]))
+        after.extend(measure(least.controls[equal]))
+    assert np.all(np.array(after) <= before)
+    assert np.mean(after) < 0.9 * np.mean(before)
+
+
+def test_the_least_energy_is_a_combination_of_the_sensitivities() -> None:
+    # Stationarity where no bound or switch is in the way: u = J^T y.
+    problem = Problem(np.array([0.0, 0.4]), np.array([1.4, 0.5]), horizon=64)
+    refined = refine(problem, np.full((1, 64), 0.65), Refinement(), "control_energy")
+    assert refined.errors[0] < ROUNDING
+    controls = refined.controls[0]
+    assert np.all(np.abs(controls) < problem.system.control_limit)
+    _, jacobian = terminal_jacobian(problem.system, problem.initial_state, controls)
+    multipliers, *_ = np.linalg.lstsq(jacobian.T, controls)
+    np.testing.assert_allclose(jacobian.T @ multipliers, controls, atol=1e-6)
+
+
+def test_the_objective_chooses_among_those_that_arrive() -> None:
+    problem = Problem(np.zeros(2), np.zeros(2))
+    controls = np.zeros((4, 64))
+    controls[0, 0] = 0.9
+    controls[1, ::2] = 0.3
+    controls[2] = 0.4
+    states = rollout(problem.system, problem.initial_state, controls)
+    errors = terminal_error(states[:, -1], problem.target_state)
+    assert errors[0] > TOLERANCE
+    chosen = {
+        objective: best_candidate(problem, controls[:3], states[:3], errors[:3], objective)
+        for objective in OBJECTIVES
+    }
+    assert chosen == {
+        "terminal_error": 1,
+        "control_energy": 1,
+        "control_smoothness": 2,
+        "stuck_steps": 1,
+    }
+
+
+@pytest.mark.parametrize("options", [{"iterations": 0}, {"num_refined": 0}])
+def test_options_out_of_range_are_refused(options: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="must be at least 1"):
+        Refinement(**options)  # type: ignore[arg-type]

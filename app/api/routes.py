@@ -15,6 +15,7 @@ from llvmlite.binding import get_host_cpu_name
 from app.api.errors import MEDIA_TYPE
 from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model_store import Model, ModelRejected
+from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.serving.runtime import Runtime, available_cores
 from app.serving.service import PlanningService, R, Task
@@ -224,7 +225,7 @@ def _describe(model: Model) -> ModelDescription:
         name=manifest.name,
         version=str(manifest.version),
         sha256=manifest.sha256,
-        system=manifest.system,
+        plants=PlantRange.only(manifest.system),
         horizon=manifest.horizon,
         diffusion_timesteps=len(manifest.alphas_cumprod),
         validation_loss=manifest.losses.validation,

@@ -18,6 +18,7 @@ from app.evaluation.question import Question
 from app.evaluation.report import write_report
 from app.evaluation.suite import Suite
 from app.figures.style import STYLE_FILE
+from app.planning.problem import DEFAULT_HORIZON
 
 Connect = Callable[[], AbstractAsyncContextManager[AsyncPlannerClient]]
 
@@ -113,10 +114,13 @@ async def _complete(
 
 def _check_models(questions: list[Question], session: Session) -> None:
     """Find out now, and not after hours, that a plant has no model."""
-    trained = {model.system for model in session.models}
     for question in questions:
-        system = question.request.system or session.info.nominal_system
-        if question.cost.network_evaluations and system not in trained:
+        request = question.request
+        system = request.system or session.info.nominal_system
+        horizon = request.horizon or DEFAULT_HORIZON
+        if question.cost.network_evaluations and not any(
+            model.covers(system, horizon) for model in session.models
+        ):
             raise EvaluationError(f"the service has no model that was trained for {system}")
 
 

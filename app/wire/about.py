@@ -5,6 +5,7 @@ from typing import Any, Literal
 from pydantic import Field, TypeAdapter
 
 from app.planning.methods import METHODS
+from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.wire.model import WireModel
 
@@ -15,10 +16,14 @@ class ModelDescription(WireModel):
     name: str
     version: str
     sha256: str
-    system: System
+    plants: PlantRange = Field(description="Least and greatest value of each parameter.")
     horizon: int
     diffusion_timesteps: int
     validation_loss: float
+
+    def covers(self, system: System, horizon: int) -> bool:
+        """Say whether the model was trained for such a plant and horizon."""
+        return self.plants.covers(system) and self.horizon == horizon
 
 
 class MethodDescription(WireModel):

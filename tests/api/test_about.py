@@ -42,7 +42,7 @@ def test_models_are_listed_with_what_they_are_for(client: httpx.Client) -> None:
     (model,) = client.get("/models").json()
     assert model["name"] == "tiny"
     assert model["version"] == "1"
-    assert model["system"]["static_friction"] == 0.7
+    assert model["plants"]["static_friction"] == [0.7, 0.7]
     assert model["horizon"] == 64
     assert model["diffusion_timesteps"] == 200
 

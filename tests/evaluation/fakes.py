@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 
 from app.evaluation.answer_log import Session
 from app.evaluation.question import Question
+from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.wire.about import Info, Limits, ModelDescription
 from app.wire.answers import (
@@ -54,7 +55,7 @@ def session(version: str = "1.2.3", model_sha256: str = SHA256, concurrency: int
         name="tiny",
         version="1",
         sha256=model_sha256,
-        system=system,
+        plants=PlantRange.only(system),
         horizon=64,
         diffusion_timesteps=200,
         validation_loss=1.0,

@@ -310,8 +310,8 @@ def _print_plan(answer: "PlanResponse") -> None:
     table = Table(title=f"{answer.method}, seed {answer.seed}", show_header=False)
     rows = {
         "terminal error": f"{answer.terminal_error:.6f}",
-        "floor": f"{answer.reachability.floor:.6f}",
-        "gap": f"{answer.gap:.2e}",
+        "floor": f"{answer.reachability.floor:.6f}" if answer.reachability else "",
+        "gap": f"{answer.gap:.2e}" if answer.gap is not None else "",
         "control energy": f"{answer.control_energy:.3f} (m/s²)²",
         "control smoothness": f"{answer.control_smoothness:.3f} (m/s²)²",
         "stuck steps": str(answer.stuck_steps),

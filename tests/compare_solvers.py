@@ -37,7 +37,9 @@ import numpy as np
 from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.metrics import terminal_error
 from app.planning.objectives import TOLERANCE
-from app.planning.plant.system import FloatArray, System, rollout
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON, Problem
 from app.planning.reachable.reachability import reachability
 from app.planning.refining.refinement import Refinement, refine

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import app.planning
-from app.planning.plant.system import System, rollout
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 
 # Kernels in this file call a kernel in another one, as the CEM calls the plant.
 PROBE = """
 from app.compilation import compiled
-from app.planning.plant.system import System, step
+from app.planning.plant.rollout import step
+from app.planning.plant.system import System
 
 @compiled
 def push(control, parameters):

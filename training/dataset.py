@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from app.planning.plant.system import FloatArray, rollout
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
 from training.config import TrainingConfig
 
 

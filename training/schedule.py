@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 
 OFFSET = 0.008
 MAX_BETA = 0.999

@@ -18,7 +18,7 @@ from app.inference.model_store import Model, ModelRejected
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.serving.runtime import Runtime, available_cores
-from app.serving.service import PlanningService, R, Task
+from app.serving.service import PlanningService, R, ResolvedRequest
 from app.wire.about import (
     Health,
     Info,
@@ -111,25 +111,25 @@ async def plan_multistep(
 async def _answer(
     request: Request,
     runtime: Runtime,
-    task: Task[R],
-    plan: Callable[[Task[R], float], PlanResponse | MultistepPlanResponse],
+    resolved: ResolvedRequest[R],
+    plan: Callable[[ResolvedRequest[R], float], PlanResponse | MultistepPlanResponse],
 ) -> Response:
-    """Have `task` planned in a thread, within its deadline and while the client waits."""
-    asked = task.request
+    """Have it planned in a thread, within its deadline and while the client waits."""
+    asked = resolved.request
     request.state.log_fields |= {
-        "method": task.method.name,
+        "method": resolved.recipe.method.name,
         "num_candidates": asked.num_candidates,
-        "num_targets": task.num_targets,
-        "seed": task.seed,
+        "num_targets": resolved.num_targets,
+        "seed": resolved.seed,
     }
-    if task.work.model:
-        request.state.log_fields["model"] = task.work.model.label
+    if resolved.work.model:
+        request.state.log_fields["model"] = resolved.work.model.label
 
     def answer(waited_ms: float) -> tuple[str, TimingReport]:
-        result = plan(task, waited_ms)
+        result = plan(resolved, waited_ms)
         return result.model_dump_json(exclude_none=True), result.timing_ms
 
-    body, timing_ms = await runtime.workers.run(task.work, answer, partial(_hung_up, request))
+    body, timing_ms = await runtime.workers.run(resolved.work, answer, partial(_hung_up, request))
     timing = timing_ms.model_dump()
     request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
     header = ", ".join(f"{stage};dur={ms}" for stage, ms in timing.items())

@@ -7,10 +7,13 @@ from time import perf_counter
 import numpy as np
 
 from app.benchmark.pairing import paired
+from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, DatasetPrior
 from app.planning.planner import plan
-from app.planning.plant.system import FloatArray, System, rollout
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 from app.planning.problem import Problem
+from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 
 PAIRS = 200
@@ -65,7 +68,9 @@ def _rollouts() -> str:
 def _cem() -> str:
     problem, rng = Problem(np.zeros(2), np.array([0.5, 0.0])), np.random.default_rng(0)
     large, small = paired(
-        lambda: plan(problem, CEM(), 512, rng), lambda: plan(problem, CEM(), 16, rng), PAIRS
+        lambda: plan(problem, Recipe(CEM(), 512), rng),
+        lambda: plan(problem, Recipe(CEM(), 16), rng),
+        PAIRS,
     )
     return f"cem, 40 iterations: {large:.1f} ms a plan with K = 512, {small:.2f} ms with K = 16"
 
@@ -73,15 +78,16 @@ def _cem() -> str:
 def _refined() -> str:
     """Plan random tasks: starts in the training range, targets at rest in [-1, 1] m."""
     rng = np.random.default_rng(0)
+    recipe = Recipe(DatasetPrior(), 16, Refinement(), reachability=True)
     plans = []
     times = []
     for _ in range(TASKS):
         start = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 0.5)])
         problem = Problem(start, np.array([rng.uniform(-1, 1), 0.0]))
         started = perf_counter()
-        plans.append(plan(problem, DatasetPrior(), 16, rng, refinement=Refinement()))
+        plans.append(plan(problem, recipe, rng))
         times.append((perf_counter() - started) * 1e3)
-    reachable = np.array([made.reachability.reachable for made in plans])
+    reachable = np.array([made.reachability and made.reachability.reachable for made in plans])
     gaps = np.array([made.gap for made in plans])
     return (
         f"dataset_prior with K = 16, refined, {TASKS} tasks: {median(times):.2f} ms a plan; "

@@ -7,9 +7,10 @@ import numpy as np
 
 from app.evaluation.tasks import random_sequences
 from app.inference.engine import EngineProposal
-from app.planning.methods import ActionDiffusion
+from app.planning.methods import ActionDiffusion, Learned
 from app.planning.planner import plan_multistep
-from app.planning.plant.system import System
+from app.planning.problem import Problem
+from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 
 METHOD = ActionDiffusion(sampler="dpm_solver", steps=2, guidance_scale=1.0)
@@ -24,19 +25,14 @@ def quick_plans(proposal: EngineProposal, horizon: int) -> str:
         rng = np.random.default_rng(index)
         started = perf_counter()
         made = plan_multistep(
-            np.zeros(2),
+            Problem(np.zeros(2), np.zeros(2), horizon=horizon),
             [np.array(target) for target in targets],
-            System(),
-            horizon,
-            METHOD,
-            NUM_CANDIDATES,
+            Recipe(Learned(METHOD, proposal), NUM_CANDIDATES, Refinement(), reachability=True),
             rng,
-            proposal,
-            Refinement(),
         )
         times.append((perf_counter() - started) * 1e3 / len(targets))
         errors.append(made.mean_end_error)
-        floors.append(made.mean_end_floor)
+        floors.append(made.mean_end_floor or 0.0)
     return (
         f"action_diffusion with {METHOD.cost(1).network_evaluations} evaluations, "
         f"K = {NUM_CANDIDATES}, refined: {median(times):.2f} ms a plan; mean end error "

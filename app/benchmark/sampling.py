@@ -10,8 +10,8 @@ from app.benchmark.pairing import paired
 from app.benchmark.paper_sampler import PaperUNet, sample
 from app.inference.engine import EngineProposal
 from app.inference.model_store import Model
-from app.planning.methods import ActionDiffusion
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
+from app.planning.methods import ActionDiffusion, Learned
 from app.planning.problem import Problem
 
 BUDGETS = (1, 16, 32, 128, 512)
@@ -56,4 +56,4 @@ def _reference(model: Model, unet: PaperUNet, problem: Problem, k: int) -> Float
 def _ours(
     proposal: EngineProposal, problem: Problem, k: int, method: ActionDiffusion
 ) -> FloatArray:
-    return method.propose(problem, k, np.random.default_rng(k), proposal).controls
+    return Learned(method, proposal).propose(problem, k, np.random.default_rng(k)).controls

@@ -16,10 +16,11 @@ from app.benchmark.server import served
 from app.inference.job import Job
 from app.inference.model_store import Model
 from app.inference.sampling import Sampling
-from app.planning.methods import CEM, ActionDiffusion
+from app.planning.arrays import FloatArray
+from app.planning.methods import CEM, ActionDiffusion, Learned
 from app.planning.planner import plan
-from app.planning.plant.system import FloatArray
 from app.planning.problem import Candidates, Problem
+from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 
 PAIRS, CALLS = 12, 20
@@ -40,13 +41,13 @@ class BareSampler:
         self,
         problem: Problem,
         noise: FloatArray,
-        sampler: str,
+        solver: str,
         steps: int,
         guidance_scale: float,
     ) -> Candidates:
         """Denoise `noise` (K, H) into controls (K, H)."""
         sampling = Sampling(
-            Job(rows_left=0), self._model, problem, noise, sampler, steps, guidance_scale
+            Job(rows_left=0), self._model, problem, noise, solver, steps, guidance_scale
         )
         while sampling.controls is None:
             rows = sampling.take(sampling.rows_waiting)
@@ -80,6 +81,8 @@ def _request(
     refinement: Refinement | None = None,
 ) -> str:
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]))
+    able = Learned(method, proposal) if isinstance(method, ActionDiffusion) else method
+    recipe = Recipe(able, num_candidates, refinement, reachability=True)
     request = {
         "initial_state": [0.0, 0.0],
         "target_state": [0.5, 0.0],
@@ -97,7 +100,7 @@ def _request(
         assert answer.status == HTTPStatus.OK
 
     def plan_alone() -> None:
-        plan(problem, method, num_candidates, np.random.default_rng(0), proposal, refinement)
+        plan(problem, recipe, np.random.default_rng(0))
 
     over_http, in_process = (
         ms / CALLS for ms in paired(lambda: _repeat(ask), lambda: _repeat(plan_alone), PAIRS)

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 from app.evaluation.tasks import request_seed
-from app.planning.planner import plan_cost
 from app.planning.problem import Cost
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
@@ -43,10 +42,7 @@ class Question:
     @property
     def cost(self) -> Cost:
         """What all its plans take, refinement apart."""
-        k, initial = self.request.num_candidates, self.request.initial
-        each = plan_cost(self.request.method, k)
-        if initial:
-            each += initial.method.cost(k)
+        each = self.request.recipe().unrefined.cost()
         return Cost(self.num_plans * each.network_evaluations, self.num_plans * each.rollouts)
 
     @property

@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from app.figures.style import BLACK, BLUE, GREY, PAGE_INCHES, RED, new_figure
-from app.planning.plant.system import System, rollout
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 from app.wire.answers import PlanResponse
 from app.wire.requests import PlanRequest
 

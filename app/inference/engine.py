@@ -22,7 +22,7 @@ from app.inference.model_store import Model, ModelStore
 from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
 from app.inference.shares import Share, half_least_half_urgent
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 from app.planning.problem import Candidates, PlanningError, Problem
 
 MEMORY_TICKS = 10
@@ -243,7 +243,7 @@ class EngineProposal:
         self,
         problem: Problem,
         noise: FloatArray,
-        sampler: str,
+        solver: str,
         steps: int,
         guidance_scale: float,
     ) -> Candidates:
@@ -260,9 +260,7 @@ class EngineProposal:
         submitted = perf_counter()
         done = self._engine.submit(
             self._job,
-            lambda: Sampling(
-                self._job, self._model, problem, noise, sampler, steps, guidance_scale
-            ),
+            lambda: Sampling(self._job, self._model, problem, noise, solver, steps, guidance_scale),
         )
         controls, begun = done.result()
         return Candidates(controls, queue_ms=(begun - submitted) * 1e3)

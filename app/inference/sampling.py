@@ -13,7 +13,7 @@ from torch import Tensor
 from app.inference.job import Job
 from app.inference.model_store import Model
 from app.inference.solvers import SAMPLERS
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 from app.planning.problem import PlanningError, Problem
 
 

@@ -1,9 +1,10 @@
 """The paper's measures of a plan (Sect. 4.5). Every function takes one plan or a stack of them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.planning.plant.system import FloatArray, System
+from app.planning.arrays import FloatArray, IntArray
+from app.planning.plant.rollout import are_stuck
+from app.planning.plant.system import System
 
 POSITION_TOLERANCE = 0.01
 """delta, m: a mass closer to its target than this is not stuck, it has arrived."""
@@ -26,8 +27,8 @@ def control_smoothness(controls: FloatArray) -> FloatArray:
 
 def stuck_steps(
     states: FloatArray, controls: FloatArray, target_position: float, system: System
-) -> NDArray[np.int64]:
-    """Return N_stuck: steps at rest, below the threshold of static friction and off the target.
+) -> IntArray:
+    """Return N_stuck: stuck steps off the target (paper, Sect. 4.5).
 
     Args:
         states: (..., H+1, 2); the last state, which no control follows, does not count.
@@ -36,9 +37,6 @@ def stuck_steps(
         system: the plant.
     """
     position, velocity = states[..., :-1, 0], states[..., :-1, 1]
-    stuck = (
-        (np.abs(velocity) < system.velocity_threshold)
-        & (np.abs(controls) < system.static_friction)
-        & (np.abs(position - target_position) > POSITION_TOLERANCE)
-    )
-    return np.asarray(np.count_nonzero(stuck, axis=-1))
+    stuck = are_stuck(velocity.ravel(), controls.ravel(), system.plant).reshape(controls.shape)
+    off_target = np.abs(position - target_position) > POSITION_TOLERANCE
+    return np.asarray(np.count_nonzero(stuck & off_target, axis=-1))

@@ -1,18 +1,22 @@
 """What to want among plans that arrive equally well, and which candidate has most of it.
 
-The descent of an objective is in null_space.py, its measures are those of metrics.py.
+The descent of an objective is in refining/null_space.py, its measures are those of metrics.py.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.planning.arrays import FloatArray
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps
-from app.planning.plant.system import FloatArray
 from app.planning.problem import Problem
 
-Objective: TypeAlias = Literal[
+Measure: TypeAlias = Callable[[Problem, FloatArray, FloatArray], NDArray[np.number]]
+"""(problem, controls (K, H), states (K, H+1, 2)) -> (K,), of which less is better."""
+ObjectiveName: TypeAlias = Literal[
     "terminal_error", "control_energy", "control_smoothness", "stuck_steps"
 ]
 
@@ -20,18 +24,50 @@ TOLERANCE = 1e-6
 """m and m/s: candidates whose terminal errors differ by less than this arrive equally well."""
 
 
+@dataclass(frozen=True, slots=True)
+class Objective:
+    """What ranks candidates that arrive equally well."""
+
+    name: ObjectiveName
+    measure: Measure | None
+    """None where the terminal error alone decides (the paper)."""
+    sum_of_squares: Literal["controls", "differences"] | None = None
+    """What refinement can descend: the sum of the squares of the controls, or of the differences
+    between neighbours."""
+
+
+TERMINAL_ERROR = Objective("terminal_error", None)
+CONTROL_ENERGY = Objective(
+    "control_energy", lambda _problem, controls, _states: control_energy(controls), "controls"
+)
+CONTROL_SMOOTHNESS = Objective(
+    "control_smoothness",
+    lambda _problem, controls, _states: control_smoothness(controls),
+    "differences",
+)
+STUCK_STEPS = Objective(
+    "stuck_steps",
+    lambda problem, controls, states: stuck_steps(
+        states, controls, float(problem.target_state[0]), problem.system
+    ),
+)
+OBJECTIVES: dict[ObjectiveName, Objective] = {
+    objective.name: objective
+    for objective in (TERMINAL_ERROR, CONTROL_ENERGY, CONTROL_SMOOTHNESS, STUCK_STEPS)
+}
+
+
 def best_candidate(
     problem: Problem,
     controls: FloatArray,
     states: FloatArray,
     errors: FloatArray,
-    objective: Objective = "terminal_error",
+    objective: Objective = TERMINAL_ERROR,
 ) -> int:
     """Return the index of the best candidate by `objective`.
 
-    The candidates within `TOLERANCE` of the least terminal error are ranked by the objective, and
-    by terminal error where it ties; "terminal_error" alone decides if it is the objective (the
-    paper).
+    The candidates within `TOLERANCE` of the least terminal error are ranked by the objective's
+    measure, and by terminal error where it ties.
 
     Args:
         problem: the plant, and the target position for the stuck steps.
@@ -40,18 +76,8 @@ def best_candidate(
         errors: (K,), terminal errors of `states`.
         objective: what to have least of.
     """
-    if objective == "terminal_error":
+    if objective.measure is None:
         return int(np.argmin(errors))
     equal = np.flatnonzero(errors <= errors.min() + TOLERANCE)
-    values = _values(problem, controls[equal], states[equal], objective)
+    values = objective.measure(problem, controls[equal], states[equal])
     return int(equal[np.lexsort((errors[equal], values))[0]])
-
-
-def _values(
-    problem: Problem, controls: FloatArray, states: FloatArray, objective: Objective
-) -> FloatArray | NDArray[np.int64]:
-    if objective == "control_energy":
-        return control_energy(controls)
-    if objective == "control_smoothness":
-        return control_smoothness(controls)
-    return stuck_steps(states, controls, float(problem.target_state[0]), problem.system)

@@ -10,8 +10,33 @@ from typing import Any, get_args, get_type_hints
 
 from annotated_types import BaseMetadata, Ge, Gt, Interval, Le, Lt
 
-OPTION_CHECKS = {"extra": "forbid", "allow_inf_nan": False, "use_attribute_docstrings": True}
-"""Pydantic's configuration, as plain data: the domain does not import the library."""
+
+class Options:
+    """Base of the dataclasses of options: their numbers lie within the annotated ranges."""
+
+    __slots__ = ()
+    __pydantic_config__ = {
+        "extra": "forbid",
+        "allow_inf_nan": False,
+        "use_attribute_docstrings": True,
+    }
+    """As plain data: the domain does not import the library."""
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ValueError: one of them is not finite or out of its range, or they do not go together.
+        """
+        check_ranges(self)
+        self.check_combination()
+
+    def check_combination(self) -> None:
+        """Check what the ranges of single values do not say; nothing by default.
+
+        Raises:
+            ValueError: the values do not go together.
+        """
 
 
 def check_ranges(options: object) -> None:

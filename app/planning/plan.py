@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
-from app.planning.plant.system import FloatArray
+import numpy as np
+
+from app.planning.arrays import FloatArray
 from app.planning.problem import Cost, Timing
 from app.planning.reachable.reachability import Reachability
 
@@ -39,8 +41,8 @@ class Plan:
     states: FloatArray
     """(H+1, 2)."""
     terminal_error: float
-    reachability: Reachability
-    """How near any plan could come."""
+    reachability: Reachability | None
+    """How near any plan could come, where that was asked for."""
     control_energy: float
     control_smoothness: float
     stuck_steps: int
@@ -50,8 +52,10 @@ class Plan:
     candidates: RankedCandidates
 
     @property
-    def gap(self) -> float:
-        """Terminal error less its floor; rounding never makes it negative."""
+    def gap(self) -> float | None:
+        """Terminal error less its floor, where that is known; rounding never makes it negative."""
+        if self.reachability is None:
+            return None
         return max(0.0, self.terminal_error - self.reachability.floor)
 
 
@@ -68,8 +72,12 @@ class MultistepPlan:
     """Terminal error of the last segment."""
     mean_end_error: float
     """Terminal error averaged over the segments."""
-    mean_end_floor: float
-    """Floor of the terminal error averaged over the segments, each from where it starts."""
     stuck_steps: int
     cost: Cost
     timing: Timing
+
+    @property
+    def mean_end_floor(self) -> float | None:
+        """Floor of the terminal error averaged over the segments, each from where it starts."""
+        floors = [part.reachability.floor for part in self.segments if part.reachability]
+        return float(np.mean(floors)) if floors else None

@@ -1,47 +1,33 @@
 """How a plan comes about: propose, refine, roll out, rank, measure. The one road to a plan."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
-from app.planning.methods.base import LearnedProposal, Method
-from app.planning.metrics import (
-    control_energy,
-    control_smoothness,
-    stuck_steps,
-    terminal_error,
-)
-from app.planning.objectives import Objective, best_candidate
+from app.planning.arrays import FloatArray
+from app.planning.methods.base import Method
+from app.planning.metrics import control_energy, control_smoothness, stuck_steps, terminal_error
+from app.planning.objectives import best_candidate
 from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
-from app.planning.plant.system import FloatArray, System, rollout
+from app.planning.plant.rollout import rollout
 from app.planning.problem import Cost, PlanningError, Problem, Timing
 from app.planning.reachable.reachability import reachability
-from app.planning.refining.refinement import Refined, Refinement, refine
+from app.planning.recipe import Recipe
+from app.planning.refining.refinement import Refined, refine
 from app.planning.stop import NEVER, Stop
 
 
 def plan(
-    problem: Problem,
-    method: Method,
-    num_candidates: int,
-    rng: np.random.Generator,
-    learned: LearnedProposal | None = None,
-    refinement: Refinement | None = None,
-    objective: Objective = "terminal_error",
-    stop: Stop = NEVER,
+    problem: Problem, recipe: Recipe[Method], rng: np.random.Generator, stop: Stop = NEVER
 ) -> Plan:
     """Plan from `problem.initial_state` to `problem.target_state` (paper, Sect. 3.5).
 
     Args:
         problem: start, target, plant and horizon H.
-        method: proposes the candidates.
-        num_candidates: K.
+        recipe: how to plan.
         rng: every random draw comes from it.
-        learned: the learned proposal, for methods that need one.
-        refinement: descend from the candidates through the true dynamics before they are ranked;
-            None ranks them as they were proposed (the paper).
-        objective: what ranks candidates that arrive equally well.
         stop: ends the planning early.
 
     Raises:
@@ -50,35 +36,36 @@ def plan(
     """
     stop.check()
     started = perf_counter()
-    proposal = method.propose(problem, num_candidates, rng, learned, stop)
+    proposal = recipe.method.propose(problem, recipe.num_candidates, rng, stop)
     if not np.all(np.isfinite(proposal.controls)):
-        raise PlanningError(f"{method.name} proposed controls that are not finite")
-    limit = problem.system.control_limit
-    controls = np.clip(proposal.controls, -limit, limit)
+        raise PlanningError(f"{recipe.method.name} proposed controls that are not finite")
+    plant = problem.system.plant
+    controls = np.clip(proposal.controls, plant.lowest_control, plant.highest_control)
     proposed = perf_counter()
 
-    refined = refine(problem, controls, refinement, objective, stop) if refinement else None
-    if refined:
-        controls = refined.controls
+    refined, cost = None, recipe.unrefined.cost()
+    if recipe.refinement:
+        refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
+        controls, cost = refined.controls, cost + Cost(rollouts=refined.rollouts)
     refined_at = perf_counter()
 
     states = rollout(problem.system, problem.initial_state, controls)
     errors = terminal_error(states[:, -1], problem.target_state)
-    best = best_candidate(problem, controls, states, errors, objective)
+    best = best_candidate(problem, controls, states, errors, recipe.objective)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
-    reach = reachability(problem, stop)
+    bound = reachability(problem, stop) if recipe.reachability else None
     measured = perf_counter()
 
     return Plan(
         controls=controls[best],
         states=states[best],
         terminal_error=float(errors[best]),
-        reachability=reach,
+        reachability=bound,
         control_energy=float(control_energy(controls[best])),
         control_smoothness=float(control_smoothness(controls[best])),
         stuck_steps=int(stuck),
         refinement=_effect(refined, best, float(errors[best])) if refined else None,
-        cost=plan_cost(method, num_candidates) + Cost(rollouts=refined.rollouts if refined else 0),
+        cost=cost,
         timing=Timing(
             queue=proposal.queue_ms,
             propose=(proposed - started) * 1e3 - proposal.queue_ms,
@@ -87,11 +74,6 @@ def plan(
         ),
         candidates=RankedCandidates(controls, states, errors),
     )
-
-
-def plan_cost(method: Method, num_candidates: int) -> Cost:
-    """Return what `plan` takes without refinement: proposing, then a rollout of each candidate."""
-    return method.cost(num_candidates) + Cost(rollouts=num_candidates)
 
 
 def _effect(refined: Refined, best: int, error: float) -> RefinementEffect:
@@ -103,21 +85,22 @@ def _effect(refined: Refined, best: int, error: float) -> RefinementEffect:
 
 
 def plan_multistep(
-    initial_state: FloatArray,
+    problem: Problem,
     target_states: Sequence[FloatArray],
-    system: System,
-    horizon: int,
-    method: Method,
-    num_candidates: int,
+    recipe: Recipe[Method],
     rng: np.random.Generator,
-    learned: LearnedProposal | None = None,
-    refinement: Refinement | None = None,
-    objective: Objective = "terminal_error",
     stop: Stop = NEVER,
 ) -> MultistepPlan:
     """Plan to each of `target_states` in turn, from the state that the plan before it reached.
 
     Segmented open-loop planning (paper, Sect. 3.5); arguments and errors as for `plan`.
+
+    Args:
+        problem: start, plant and horizon H; its target is not asked for.
+        target_states: M of them, (2,) each.
+        recipe: how to plan each segment.
+        rng: every random draw comes from it.
+        stop: ends the planning early.
 
     Raises:
         ValueError: no targets.
@@ -125,12 +108,10 @@ def plan_multistep(
     if not target_states:
         raise ValueError("a multi-step plan needs at least one target")
     segments: list[Plan] = []
-    state = initial_state
+    state = problem.initial_state
     for target_state in target_states:
-        problem = Problem(state, target_state, system, horizon)
-        segments.append(
-            plan(problem, method, num_candidates, rng, learned, refinement, objective, stop)
-        )
+        segment = replace(problem, initial_state=state, target_state=target_state)
+        segments.append(plan(segment, recipe, rng, stop))
         state = segments[-1].states[-1]
     return MultistepPlan(
         segments=tuple(segments),
@@ -140,7 +121,6 @@ def plan_multistep(
         ),
         final_error=segments[-1].terminal_error,
         mean_end_error=float(np.mean([segment.terminal_error for segment in segments])),
-        mean_end_floor=float(np.mean([segment.reachability.floor for segment in segments])),
         stuck_steps=sum(segment.stuck_steps for segment in segments),
         cost=sum((segment.cost for segment in segments), Cost()),
         timing=sum((segment.timing for segment in segments), Timing()),

@@ -7,20 +7,18 @@ import numpy as np
 from annotated_types import Ge, Interval, Le
 
 from app.compilation import compiled
-from app.planning.options import OPTION_CHECKS, check_ranges
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
+from app.planning.options import Options
 
 Fraction = Annotated[float, Interval(ge=0, le=1)]
 
 
 @dataclass(frozen=True, slots=True)
-class ControlPrior:
+class ControlPrior(Options):
     """Piecewise constant kicks, medium and near-zero inputs, smoothed by a first-order filter.
 
     Magnitudes are fractions of the control limit u_max.
     """
-
-    __pydantic_config__ = OPTION_CHECKS
 
     num_segments: Annotated[int, Ge(1), Le(1024)] = 8
     kick_probability: Fraction = 0.4
@@ -32,13 +30,12 @@ class ControlPrior:
     filter_coefficient: Fraction = 0.3
     """alpha in y[k] = alpha*y[k-1] + (1-alpha)*s[k], y[-1] = s[0]."""
 
-    def __post_init__(self) -> None:
-        """Check the ranges.
+    def check_combination(self) -> None:
+        """Check what the ranges do not say.
 
         Raises:
-            ValueError: a value is out of its range, or the two probabilities exceed 1 together.
+            ValueError: the two probabilities exceed 1 together.
         """
-        check_ranges(self)
         if self.kick_probability + self.medium_probability > 1 + 1e-12:
             raise ValueError("kick_probability + medium_probability must not exceed 1")
 

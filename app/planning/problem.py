@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.planning.plant.system import FloatArray, System
+from app.planning.arrays import FloatArray
+from app.planning.plant.system import System
+from app.planning.plant.task import Task
 
 DEFAULT_HORIZON = 64
 """H of the paper (Table 2)."""
@@ -46,15 +48,26 @@ class Problem:
         if self.horizon < 1:
             raise ValueError("the horizon must be at least one step")
 
+    @property
+    def task(self) -> Task:
+        """The problem as the kernels take it."""
+        return Task(
+            float(self.initial_state[0]),
+            float(self.initial_state[1]),
+            float(self.target_state[0]),
+            float(self.target_state[1]),
+            self.system.plant,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a plan takes; known before any of it is spent."""
+    """What a plan takes."""
 
     network_evaluations: int = 0
     """Forward passes of the network, each over all candidates."""
     rollouts: int = 0
-    """Control sequences rolled out over the whole horizon."""
+    """Control sequences rolled out, over the whole horizon or, in a refinement, a part of it."""
 
     def __add__(self, other: "Cost") -> "Cost":
         return Cost(
@@ -67,7 +80,7 @@ class Timing:
     """Wall-clock milliseconds a plan spent in each stage."""
 
     queue: float = 0.0
-    """Waiting for the network."""
+    """Waiting, for a core or for the network."""
     propose: float = 0.0
     refine: float = 0.0
     rollout: float = 0.0

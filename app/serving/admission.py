@@ -37,16 +37,14 @@ class Refused(Exception):
         self.retry_after_s = max(1, math.ceil(retry_after_s))
 
 
-@dataclass(eq=False, slots=True)
-class Work:
-    """What a request takes, as far as it is known when it arrives."""
+@dataclass(eq=False, slots=True, kw_only=True)
+class Work(Job):
+    """A job with all that it takes, as far as that is known when it arrives."""
 
-    job: Job
-    """Its rows through the network."""
     model: Model | None
-    """None where there are no such rows."""
+    """None where nothing goes through a network."""
     rows_per_step: int
-    """Rows of its job that can go through the network at once."""
+    """Rows that can go through the network at once."""
     rollout_steps: int
     """Simulated time steps, over all targets."""
     kind: str
@@ -80,9 +78,9 @@ class Admission:
         return len(self._admitted)
 
     @property
-    def jobs(self) -> list[Job]:
-        """The jobs of all that was taken on and is not done."""
-        return [work.job for work in self._admitted]
+    def works(self) -> list[Work]:
+        """All that was taken on and is not done."""
+        return list(self._admitted)
 
     @property
     def pending(self) -> dict[str, Pending]:
@@ -91,7 +89,7 @@ class Admission:
         for work in self._admitted:
             label = work.model.label if work.model else NONE
             requests, rows = by_model.get(label, (0, 0))
-            by_model[label] = Pending(requests + 1, rows + work.job.rows_left)
+            by_model[label] = Pending(requests + 1, rows + work.rows_left)
         return by_model
 
     @contextmanager
@@ -124,7 +122,7 @@ class Admission:
             ("requests", len(self._admitted) + 1, settings.max_pending),
             (
                 "rows through the network",
-                sum(job.rows_left for job in self.jobs) + work.job.rows_left,
+                sum(other.rows_left for other in self._admitted) + work.rows_left,
                 settings.max_pending_rows,
             ),
             (
@@ -144,18 +142,18 @@ class Admission:
         def lateness(work: Work) -> float:
             """Return by how many seconds it may miss its deadline."""
             due = now + MARGIN * after[work] + MARGIN_SECONDS * len(after)
-            return due - work.job.deadline
+            return due - work.deadline
 
         late = lateness(new)
         if late > 0:
-            left = new.job.deadline - now
+            left = new.deadline - now
             raise Refused(
                 "deadline",
                 f"it would take about {left + late:.2g} s, and its deadline is in {left:.2g} s",
                 late,
             )
         in_danger = [
-            other for other in self._admitted if other.job.deadline > now and lateness(other) > 0
+            other for other in self._admitted if other.deadline > now and lateness(other) > 0
         ]
         before = self._forecast(self._admitted) if in_danger else {}
         for other in in_danger:
@@ -168,7 +166,7 @@ class Admission:
         lanes: dict[Lane, list[Work]] = {"network": [], "short": [], "long": []}
         for work, lane in admitted.items():
             lanes[lane].append(work)
-        lanes["network"].sort(key=lambda work: work.job.urgency)
+        lanes["network"].sort(key=lambda work: work.urgency)
         return {
             **self._sampled(lanes["network"], is_crowded=bool(lanes["long"])),
             **self._computed(lanes["short"]),
@@ -183,9 +181,7 @@ class Admission:
         sampling, crowded_out = [], []
         for work in works:
             assert work.model is not None
-            seconds = self._rates.seconds_of_rows(
-                work.model, work.job.rows_left, is_crowded=is_crowded
-            )
+            seconds = self._rates.seconds_of_rows(work.model, work.rows_left, is_crowded=is_crowded)
             sampling.append(seconds)
             # Beside others, a step takes a whole tick, however few rows of it are its own.
             ticks_of_a_row = max(1.0, work.model.pace.rows_at_once / work.rows_per_step)

@@ -133,8 +133,8 @@ class Runtime:
 
     def abort(self) -> None:
         """Stop all that was taken on."""
-        for job in self._admission.jobs:
-            job.stop.set(ShuttingDown("the service was told to end at once"))
+        for work in self._admission.works:
+            work.stop.set(ShuttingDown("the service was told to end at once"))
 
     def close(self) -> None:
         """End the engine, when nothing is under way any more."""

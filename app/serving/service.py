@@ -12,14 +12,14 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from app.inference.engine import Engine
-from app.inference.job import Job
 from app.inference.model_store import ModelStore, UnfitModel
-from app.planning.methods import OPTIMISERS, Started
-from app.planning.methods.base import LearnedProposal, Method
+from app.planning.methods import ActionDiffusion, Learned, WarmStarted
+from app.planning.methods.base import LearnedProposal, Method, MethodOptions
 from app.planning.plan import Plan, RankedCandidates
-from app.planning.planner import plan, plan_cost, plan_multistep
+from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON, Cost, Problem, Timing, as_state
+from app.planning.recipe import Recipe
 from app.serving.admission import Work
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
@@ -35,13 +35,13 @@ from app.wire.answers import (
     Segment,
     TimingReport,
 )
-from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest
+from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest, State
 
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
 R = TypeVar("R", PlanRequest, MultistepPlanRequest)
 
-FLOOR_STEPS = 60_000
-"""Measuring a plan, its floor above all, takes about as long as so many simulated time steps."""
+REACHABILITY_STEPS = 60_000
+"""The reachable set takes about as long as so many simulated time steps."""
 
 
 class PlanningService:
@@ -62,7 +62,7 @@ class PlanningService:
         self._engine = engine
         self._rates = rates
 
-    def resolve(self, request: R, arrived: float | None = None) -> "Task[R]":
+    def resolve(self, request: R, arrived: float | None = None) -> "ResolvedRequest[R]":
         """Settle what a request leaves open, and refuse what it may not ask.
 
         Args:
@@ -72,17 +72,14 @@ class PlanningService:
         Raises:
             UnknownModel: it names a model that is not there.
             UnfitModel: the method needs a model, and none (or not the named one) fits the plant.
-            InvalidField: it is larger than the settings allow, or its fields clash.
+            InvalidField: it is larger than the settings allow.
         """
         num_targets = len(request.targets) if isinstance(request, MultistepPlanRequest) else 1
         named = self.models.find(request.model) if request.model else None
         system = request.system or (named.manifest.system if named else System())
         horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
-        method = _method(request)
-        k = request.num_candidates
-        cost = plan_cost(method, k)
-        if request.refine:
-            cost += request.refine.cost(k)
+        recipe = request.recipe()
+        cost = recipe.cost()
         self._check_limits(request, cost, horizon, num_targets)
         model = None
         if cost.network_evaluations:
@@ -93,69 +90,51 @@ class PlanningService:
                     f"({model.manifest.system}, horizon {model.manifest.horizon})"
                 )
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
-        rows = k * cost.network_evaluations * num_targets
+        measuring_steps = REACHABILITY_STEPS if recipe.reachability else 0
         work = Work(
-            job=Job(rows, (arrived or perf_counter()) + deadline_ms / 1e3),
+            recipe.num_candidates * cost.network_evaluations * num_targets,
+            deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=model,
-            rows_per_step=2 * k,
-            rollout_steps=(cost.rollouts * horizon + FLOOR_STEPS) * num_targets,
-            kind=f"{method.name}, refined" if request.refine else method.name,
+            rows_per_step=2 * recipe.num_candidates,
+            rollout_steps=(cost.rollouts * horizon + measuring_steps) * num_targets,
+            kind=f"{recipe.method.name}, refined" if recipe.refinement else recipe.method.name,
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
-        return Task(request, num_targets, method, system, horizon, seed, work)
+        return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, work)
 
-    def plan(self, task: "Task[PlanRequest]", waited_ms: float = 0.0) -> PlanResponse:
+    def plan(
+        self, resolved: "ResolvedRequest[PlanRequest]", waited_ms: float = 0.0
+    ) -> PlanResponse:
         """Answer `POST /plan`.
 
         Args:
-            task: what to plan.
+            resolved: what to plan.
             waited_ms: how long the request waited before this call, for the answer's timing.
 
         Raises:
             InvalidStepCount: more denoising steps than the model has diffusion times.
             PlanningError: the method failed.
-            Stopped: the task's stop said so.
+            Stopped: the work's stop said so.
         """
-        request = task.request
-        problem = Problem(
-            as_state(request.initial_state),
-            as_state(request.target_state),
-            task.system,
-            task.horizon,
-        )
-        result = plan(
-            problem,
-            task.method,
-            request.num_candidates,
-            np.random.default_rng(task.seed),
-            self._learned(task),
-            request.refine,
-            request.objective,
-            task.work.job.stop,
-        )
-        self._measure(task, result.timing)
+        request = resolved.request
+        problem = resolved.problem(request.target_state)
+        rng = np.random.default_rng(resolved.seed)
+        result = plan(problem, self._recipe(resolved), rng, resolved.work.stop)
+        self._measure(resolved, result.timing)
         segment = _segment(result, request.include, Timing(queue=waited_ms) + result.timing)
-        return PlanResponse(**segment.__dict__, **task.provenance())
+        return PlanResponse(**segment.__dict__, **resolved.provenance())
 
     def plan_multistep(
-        self, task: "Task[MultistepPlanRequest]", waited_ms: float = 0.0
+        self, resolved: "ResolvedRequest[MultistepPlanRequest]", waited_ms: float = 0.0
     ) -> MultistepPlanResponse:
         """Answer `POST /plan_multistep`; arguments and errors as for `plan`."""
-        request = task.request
-        result = plan_multistep(
-            as_state(request.initial_state),
-            [as_state(target) for target in request.targets],
-            task.system,
-            task.horizon,
-            task.method,
-            request.num_candidates,
-            np.random.default_rng(task.seed),
-            self._learned(task),
-            request.refine,
-            request.objective,
-            task.work.job.stop,
-        )
-        self._measure(task, result.timing)
+        request = resolved.request
+        problem = resolved.problem(request.targets[0])
+        targets = [as_state(target) for target in request.targets]
+        rng = np.random.default_rng(resolved.seed)
+        stop = resolved.work.stop
+        result = plan_multistep(problem, targets, self._recipe(resolved), rng, stop)
+        self._measure(resolved, result.timing)
         include = request.include
         return MultistepPlanResponse(
             segments=[_segment(part, include, part.timing) for part in result.segments],
@@ -167,20 +146,31 @@ class PlanningService:
             stuck_steps=result.stuck_steps,
             cost=_cost(result.cost),
             timing_ms=_timing(Timing(queue=waited_ms) + result.timing),
-            **task.provenance(),
+            **resolved.provenance(),
         )
 
-    def _learned(self, task: "Task[Any]") -> LearnedProposal | None:
-        work = task.work
-        return self._engine.bind(work.model, work.job) if work.model else None
+    def _recipe(self, resolved: "ResolvedRequest[Any]") -> Recipe[Method]:
+        """Return the recipe with a method that can propose."""
+        work = resolved.work
+        proposal = self._engine.bind(work.model, work) if work.model else None
+        recipe, method = resolved.recipe, resolved.recipe.method
+        if isinstance(method, WarmStarted):
+            method = WarmStarted(method.optimiser, _able(method.initial, proposal))
+        return Recipe(
+            _able(method, proposal),
+            recipe.num_candidates,
+            recipe.refinement,
+            recipe.objective,
+            recipe.reachability,
+        )
 
-    def _measure(self, task: "Task[Any]", timing: Timing) -> None:
+    def _measure(self, resolved: "ResolvedRequest[Any]", timing: Timing) -> None:
         """Count how long the simulated time steps took, where that can be told.
 
         The time of an optimiser that starts from the network's candidates is the network's as well.
         """
-        work = task.work
-        if work.model and isinstance(task.method, Started):
+        work = resolved.work
+        if work.model and isinstance(resolved.recipe.method, WarmStarted):
             return
         computing_ms = timing.refine + timing.rollout + (0 if work.model else timing.propose)
         self._rates.add_steps(work.kind, computing_ms / 1e3, work.rollout_steps)
@@ -227,16 +217,21 @@ class PlanningService:
 
 
 @dataclass(frozen=True, slots=True)
-class Task(Generic[R]):
+class ResolvedRequest(Generic[R]):
     """A request with nothing left open."""
 
     request: R
     num_targets: int
-    method: Method
+    recipe: Recipe[MethodOptions]
     system: System
     horizon: int
     seed: int
     work: Work
+
+    def problem(self, target: State) -> Problem:
+        """Return the problem of getting from the initial state to `target`."""
+        start = as_state(self.request.initial_state)
+        return Problem(start, as_state(target), self.system, self.horizon)
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of an answer that say where it comes from."""
@@ -245,23 +240,20 @@ class Task(Generic[R]):
             name=manifest.name, version=str(manifest.version), sha256=manifest.sha256
         )
         return {
-            "method": self.method.name,
+            "method": self.recipe.method.name,
             "model": reference,
             "seed": self.seed,
             "system": self.system,
         }
 
 
-def _method(request: AnyRequest) -> Method:
-    """Return the method that was asked for, started from another one if that was asked too."""
-    if request.initial is None:
-        return request.method
-    if not isinstance(request.method, OPTIMISERS):
-        startable = ", ".join(optimiser().name for optimiser in OPTIMISERS)
-        raise InvalidField(
-            "/initial", f"{request.method.name} starts from nothing; {startable} can be started"
-        )
-    return Started(request.method, request.initial.method)
+def _able(method: Any, proposal: LearnedProposal | None) -> Method:
+    """Return a method that can propose, with the model that its options lack."""
+    if isinstance(method, ActionDiffusion):
+        assert proposal is not None
+        return Learned(method, proposal)
+    able: Method = method
+    return able
 
 
 def _segment(result: Plan, include: Container[Inclusion], timing: Timing) -> Segment:
@@ -271,7 +263,8 @@ def _segment(result: Plan, include: Container[Inclusion], timing: Timing) -> Seg
         states=result.states.tolist() if with_states else None,
         terminal_error=result.terminal_error,
         gap=result.gap,
-        reachability=ReachabilityReport.model_validate(result.reachability, from_attributes=True),
+        reachability=result.reachability
+        and ReachabilityReport.model_validate(result.reachability, from_attributes=True),
         refinement=result.refinement and RefinementReport(**asdict(result.refinement)),
         control_energy=result.control_energy,
         control_smoothness=result.control_smoothness,

@@ -70,7 +70,7 @@ class Workers:
             queue = anyio.CancelScope()
 
             def stop(reason: Stopped) -> None:
-                work.job.stop.set(reason)
+                work.stop.set(reason)
                 queue.cancel()
 
             async def watch_client() -> None:
@@ -79,7 +79,7 @@ class Workers:
 
             watch = asyncio.create_task(watch_client())
             timer = asyncio.get_running_loop().call_later(
-                work.job.deadline - begun, stop, DeadlineExceeded("the deadline has passed")
+                work.deadline - begun, stop, DeadlineExceeded("the deadline has passed")
             )
             try:
                 if lane == "network":
@@ -117,7 +117,7 @@ class Workers:
                 await cores.acquire_on_behalf_of(work)
                 acquired = True
                 self._row_threads.lent += lent
-            work.job.stop.check()
+            work.stop.check()
             return await self._in_thread(function, begun)
         finally:
             if acquired:

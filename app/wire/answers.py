@@ -24,7 +24,10 @@ class CostReport(WireModel):
     network_evaluations: int = Field(
         description="Forward passes of the network, each over all candidates."
     )
-    rollouts: int = Field(description="Control sequences rolled out over the whole horizon.")
+    rollouts: int = Field(
+        description="Control sequences rolled out, over the whole horizon or, in a refinement, a "
+        "part of it."
+    )
 
 
 class ReachabilityReport(WireModel):
@@ -78,8 +81,10 @@ class Segment(WireModel):
         None, description="(H+1, 2): position (m) and velocity (m/s)."
     )
     terminal_error: float = Field(description="||x_H - x*||_2.")
-    gap: float = Field(description="Terminal error less its floor.")
-    reachability: ReachabilityReport
+    gap: float | None = Field(
+        None, description="Terminal error less its floor, where that was asked for."
+    )
+    reachability: ReachabilityReport | None = None
     refinement: RefinementReport | None = Field(None, description="Absent without `refine`.")
     control_energy: float = Field(description="sum of u_k^2.")
     control_smoothness: float = Field(description="sum of (u_{k+1} - u_k)^2.")
@@ -110,8 +115,9 @@ class MultistepPlanResponse(_Provenance):
     states: list[tuple[float, float]] | None = Field(None, description="(M*H+1, 2).")
     final_error: float = Field(description="Terminal error of the last segment.")
     mean_end_error: float = Field(description="Terminal error averaged over the segments.")
-    mean_end_floor: float = Field(
-        description="Floor of the terminal error averaged over the segments, each from its start."
+    mean_end_floor: float | None = Field(
+        None,
+        description="Floor of the terminal error averaged over the segments, each from its start.",
     )
     stuck_steps: int
     cost: CostReport

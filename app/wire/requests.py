@@ -6,12 +6,17 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    ValidationInfo,
+    field_validator,
 )
 
-from app.planning.methods import ActionDiffusion, AnyMethod
-from app.planning.objectives import Objective
+from app.planning.methods import OPTIMISERS, ActionDiffusion, AnyMethod, WarmStarted
+from app.planning.methods.base import MethodOptions
+from app.planning.methods.optimiser import Optimiser
+from app.planning.objectives import OBJECTIVES, ObjectiveName
 from app.planning.plant.system import LARGEST, System
 from app.planning.problem import DEFAULT_HORIZON
+from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 from app.wire.model import WireModel
 
@@ -83,10 +88,15 @@ class _Request(WireModel):
         None,
         description="Descend from the candidates through the true dynamics: true, or options.",
     )
-    objective: Objective = Field(
+    objective: ObjectiveName = Field(
         "terminal_error",
         description="What ranks candidates that arrive equally well, and with `refine` what is "
         "lowered among the plans that arrive.",
+    )
+    reachability: Annotated[bool, Field(strict=True)] = Field(
+        True,
+        description="Say how near any plan could come: the floor of the error, and the plan's gap "
+        "to it. Without them a plan takes less time.",
     )
     deadline_ms: Annotated[int, Field(strict=True, ge=1)] | None = Field(
         None,
@@ -99,6 +109,30 @@ class _Request(WireModel):
         description="What the answer holds beside controls and measures.",
         max_length=2,
     )
+
+    @field_validator("initial")
+    @classmethod
+    def _only_optimisers_start_from_something(
+        cls, initial: Initial | None, checked: ValidationInfo
+    ) -> Initial | None:
+        method = checked.data.get("method")
+        if initial and method and not isinstance(method, Optimiser):
+            startable = ", ".join(optimiser().name for optimiser in OPTIMISERS)
+            raise ValueError(f"{method.name} starts from nothing; {startable} can be started")
+        return initial
+
+    def recipe(self) -> Recipe[MethodOptions]:
+        """Return how to plan; a learned method still lacks its model."""
+        method: MethodOptions = self.method
+        if self.initial and isinstance(self.method, Optimiser):
+            method = WarmStarted(self.method, self.initial.method)
+        return Recipe(
+            method,
+            self.num_candidates,
+            self.refine,
+            OBJECTIVES[self.objective],
+            self.reachability,
+        )
 
 
 class PlanRequest(_Request):

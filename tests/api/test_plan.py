@@ -8,7 +8,8 @@ import httpx
 import numpy as np
 import pytest
 
-from app.planning.plant.system import System, rollout
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 
 METHODS = ["action_diffusion", "dataset_prior", "uniform", "cem", "icem", "mppi"]
 

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.benchmark.planning import numpy_rollout
-from app.planning.plant.system import System, rollout
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.5), st.floats(-1, 1))

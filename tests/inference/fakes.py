@@ -18,7 +18,8 @@ from app.inference.networks.base import Network
 from app.inference.pace import Pace
 from app.inference.sampling import Sampling
 from app.inference.solvers import SAMPLERS
-from app.planning.plant.system import FloatArray, System
+from app.planning.arrays import FloatArray
+from app.planning.plant.system import System
 from app.planning.problem import Problem
 from training.schedule import cosine_alphas_cumprod
 

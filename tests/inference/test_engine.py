@@ -22,7 +22,8 @@ from app.inference.row_threads import RowThreads
 from app.inference.solvers import SAMPLERS, InvalidStepCount
 from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan, plan_multistep
-from app.planning.plant.system import FloatArray, System
+from app.planning.arrays import FloatArray
+from app.planning.plant.system import System
 from app.planning.problem import PlanningError, Problem
 from app.planning.stop import Stopped
 from tests.inference.fakes import (

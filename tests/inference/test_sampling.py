@@ -12,7 +12,7 @@ from torch import Tensor
 from app.inference.job import Job
 from app.inference.sampling import Sampling
 from app.inference.solvers import SAMPLERS, InvalidStepCount
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 from app.planning.problem import PlanningError
 from tests.inference.fakes import HORIZON, TIMESTEPS, Asked, FakeNetwork, fake_model
 

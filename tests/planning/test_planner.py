@@ -16,7 +16,9 @@ from app.planning.metrics import control_energy, control_smoothness, stuck_steps
 from app.planning.objectives import Objective
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_cost, plan_multistep
-from app.planning.plant.system import FloatArray, System, rollout
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 from app.planning.problem import (
     Candidates,
     Cost,

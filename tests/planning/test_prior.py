@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 from app.planning.prior import ControlPrior
 
 LIMIT = 0.9

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from app.planning.plant.system import rollout
+from app.planning.plant.rollout import rollout
 from training.config import TrainingConfig
 from training.dataset import Standardisation, TrainingSet, Transitions, sample_transitions
 

@@ -21,8 +21,10 @@ from app.evaluation.statistics import interval, paired_difference
 from app.evaluation.suite import Answered, Row, Suite
 from app.evaluation.suites.random_targets import transition_questions
 from app.figures.style import PAGE_INCHES, new_figure
+from app.planning.arrays import FloatArray
 from app.planning.metrics import terminal_error
-from app.planning.plant.system import FloatArray, System, rollout
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 from app.wire.requests import PlanRequest
 
 NOMINAL = System()

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from app.planning.methods.base import LearnedProposal
-from app.planning.options import OPTION_CHECKS, check_ranges
+from app.planning.options import Options
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
 
@@ -32,10 +32,11 @@ SAMPLER_SETTINGS: dict[Sampler, SamplerSettings] = {
 
 
 @dataclass(frozen=True, slots=True)
-class ActionDiffusion:
-    """Sampling from the diffusion model with classifier-free guidance."""
+class ActionDiffusion(Options):
+    """Sampling from the diffusion model with classifier-free guidance.
 
-    __pydantic_config__ = OPTION_CHECKS
+    These are options alone; with a model they make a method, `Learned`.
+    """
 
     name: Literal["action_diffusion"] = "action_diffusion"
     sampler: Sampler = "dpm_solver"
@@ -46,13 +47,12 @@ class ActionDiffusion:
     """s: 0 ignores the states, 1 samples the conditional model, above 1 sharpens it; by default 2
     (`dpm_solver`, `paper`) or 1.5 (`ddim`)."""
 
-    def __post_init__(self) -> None:
-        """Check the ranges.
+    def check_combination(self) -> None:
+        """Check what the ranges do not say.
 
         Raises:
-            ValueError: an option is out of its range, or changes the paper's sampler.
+            ValueError: an option changes the paper's sampler.
         """
-        check_ranges(self)
         if self.sampler == "paper" and (self.steps, self.guidance_scale) != (None, None):
             raise ValueError("the paper's sampler has its own steps and guidance_scale; use ddim")
 
@@ -66,26 +66,36 @@ class ActionDiffusion:
             settings = settings._replace(guidance_scale=self.guidance_scale)
         return settings
 
-    def propose(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        learned: LearnedProposal | None,
-        stop: Stop = NEVER,
-    ) -> Candidates:
-        """Denoise (K, H) standard normal draws of `rng` into controls.
-
-        Raises:
-            ValueError: no learned proposal was given.
-        """
-        if learned is None:
-            raise ValueError("action_diffusion needs a learned proposal")
-        noise = rng.standard_normal((num_candidates, problem.horizon))
-        return learned.sample(problem, noise, *self.settings)
-
     def cost(self, num_candidates: int) -> Cost:
         """Two predictions a step, or one where guidance has only one to weigh (s = 0 or 1)."""
         settings = self.settings
         predictions = 1 if settings.guidance_scale in (0.0, 1.0) else 2
         return Cost(network_evaluations=settings.steps * predictions)
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """Action Diffusion that can propose: its options, and the model that they are for."""
+
+    options: ActionDiffusion
+    proposal: LearnedProposal
+
+    @property
+    def name(self) -> str:
+        """The method's."""
+        return self.options.name
+
+    def propose(
+        self,
+        problem: Problem,
+        num_candidates: int,
+        rng: np.random.Generator,
+        stop: Stop = NEVER,
+    ) -> Candidates:
+        """Denoise (K, H) standard normal draws of `rng` into controls."""
+        noise = rng.standard_normal((num_candidates, problem.horizon))
+        return self.proposal.sample(problem, noise, *self.options.settings)
+
+    def cost(self, num_candidates: int) -> Cost:
+        """The options'."""
+        return self.options.cost(num_candidates)

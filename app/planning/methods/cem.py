@@ -2,25 +2,34 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 from app.compilation import compiled
-from app.planning.methods.base import LearnedProposal, check_initial_controls
-from app.planning.options import OPTION_CHECKS, check_ranges
-from app.planning.plant.system import FloatArray, Parameters, terminal_state
+from app.planning.arrays import FloatArray, IntArray
+from app.planning.methods.optimiser import Optimiser, Scored, check_first, spread
+from app.planning.plant.rollout import terminal_state
+from app.planning.plant.task import Task
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Flag, Stop
 
 
-@dataclass(frozen=True, slots=True)
-class CEM:
-    """A Gaussian over control sequences, refitted to the elites of each iteration."""
+class Gaussian(NamedTuple):
+    """Over control sequences, its steps independent of each other; m/s^2."""
 
-    __pydantic_config__ = OPTION_CHECKS
+    mean: FloatArray
+    """(H,)."""
+    std: FloatArray
+    """(H,)."""
+    num_candidates: int
+    """How many are drawn from it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CEM(Optimiser[Gaussian]):
+    """A Gaussian over control sequences, refitted to the elites of each iteration."""
 
     name: Literal["cem"] = "cem"
     iterations: Annotated[int, Ge(1), Le(1000)] = 40
@@ -34,54 +43,49 @@ class CEM:
     min_std: Annotated[float, Ge(0)] = 1e-3
     """Floor of the refitted standard deviation, m/s^2."""
 
-    def __post_init__(self) -> None:
-        """Check the ranges.
+    def rounds(self) -> int:
+        return self.iterations
 
-        Raises:
-            ValueError: an option is out of its range.
-        """
-        check_ranges(self)
+    def begin(self, problem: Problem, num_candidates: int, first: FloatArray | None) -> Gaussian:
+        std = spread(problem, self.initial_std)
+        return Gaussian(np.zeros(problem.horizon), std, num_candidates)
 
-    def propose(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        learned: LearnedProposal | None,
-        stop: Stop = NEVER,
-    ) -> Candidates:
-        """Return the last population (K, H), with the best sequence of all iterations in it."""
-        return self.improve(problem, num_candidates, rng, None, stop)
+    def draw(
+        self, state: Gaussian, iteration: int, problem: Problem, rng: np.random.Generator
+    ) -> FloatArray:
+        noise = rng.standard_normal((state.num_candidates, problem.horizon))
+        return state.mean + state.std * noise
+
+    def learn(self, state: Gaussian, population: Scored) -> Gaussian:
+        elites = population.best(self._num_elites(len(population.errors))).controls
+        std = np.maximum(elites.std(axis=0), self.min_std)
+        return Gaussian(elites.mean(axis=0), std, state.num_candidates)
+
+    def candidates(self, best: Scored, last: Scored) -> FloatArray:
+        """Return the last population, its worst sequence replaced by a better one of before."""
+        population = last.controls.copy()
+        if best.errors[0] < last.errors.min():
+            population[np.argmax(last.errors)] = best.controls[0]
+        return population
 
     def improve(
         self,
         problem: Problem,
         num_candidates: int,
         rng: np.random.Generator,
-        initial_controls: FloatArray | None,
+        first: FloatArray | None,
         stop: Stop = NEVER,
     ) -> Candidates:
-        """Do as `propose` does, with `initial_controls` (K, H) for the first population, if given.
-
-        Raises:
-            ValueError: the initial controls are not of shape (K, H).
-        """
-        first = (
-            np.empty((0, problem.horizon))
-            if initial_controls is None
-            else check_initial_controls(initial_controls, problem, num_candidates)
-        )
+        """Do what the loop of all optimisers does, in one kernel: the same draws, much sooner."""
+        check_first(first, problem, num_candidates)
         population = _optimise(
             rng,
-            first,
-            num_candidates,
-            problem.horizon,
-            problem.initial_state,
-            problem.target_state,
-            problem.system.parameters,
+            np.empty((num_candidates, problem.horizon)) if first is None else first.copy(),
+            first is not None,
+            problem.task,
             self.iterations,
-            min(num_candidates, max(2, int(self.elite_fraction * num_candidates))),
-            float(self.initial_std),
+            self._num_elites(num_candidates),
+            spread(problem, self.initial_std),
             float(self.min_std),
             stop.flag,
         )
@@ -92,44 +96,42 @@ class CEM:
         """One rollout for each candidate of each iteration."""
         return Cost(rollouts=self.iterations * num_candidates)
 
+    def _num_elites(self, num_candidates: int) -> int:
+        return min(num_candidates, max(2, int(self.elite_fraction * num_candidates)))
+
 
 @compiled
 def _optimise(
     rng: np.random.Generator,
-    first: FloatArray,
-    num_candidates: int,
-    horizon: int,
-    initial_state: FloatArray,
-    target_state: FloatArray,
-    parameters: Parameters,
+    population: FloatArray,
+    is_first_given: bool,
+    task: Task,
     iterations: int,
     num_elites: int,
-    initial_std: float,
+    std: FloatArray,
     min_std: float,
     stopped: Flag,
 ) -> FloatArray:
-    """Return the last population; the first is `first` (K, H), or drawn where that is (0, H)."""
-    limit = parameters[3]
-    population = np.empty((num_candidates, horizon))
+    """Return the last population; `population` (K, H) is overwritten, and may be the first one."""
+    plant = task.plant
+    num_candidates, horizon = population.shape
     errors = np.empty(num_candidates)
     mean = np.zeros(horizon)
-    std = np.full(horizon, initial_std * limit)
     best = np.zeros(horizon)
     best_error = np.inf
+    order = np.argsort(errors)
     for iteration in range(iterations):
         if stopped[0]:
             return population
-        for candidate in range(num_candidates):
-            if iteration == 0 and first.shape[0] > 0:
-                population[candidate] = first[candidate]
-            else:
+        if iteration > 0 or not is_first_given:
+            for candidate in range(num_candidates):
                 for k in range(horizon):
                     control = mean[k] + std[k] * rng.standard_normal()
-                    population[candidate, k] = min(limit, max(-limit, control))
-            p, v = terminal_state(
-                population[candidate], initial_state[0], initial_state[1], parameters
-            )
-            errors[candidate] = math.hypot(p - target_state[0], v - target_state[1])
+                    control = min(plant.highest_control, max(plant.lowest_control, control))
+                    population[candidate, k] = control
+        for candidate in range(num_candidates):
+            p, v = terminal_state(population[candidate], task.position, task.velocity, plant)
+            errors[candidate] = math.hypot(p - task.target_position, v - task.target_velocity)
         order = np.argsort(errors)
         if errors[order[0]] < best_error:
             best_error = errors[order[0]]
@@ -143,11 +145,7 @@ def _optimise(
 
 @compiled
 def _refit(
-    population: FloatArray,
-    elites: NDArray[np.int64],
-    mean: FloatArray,
-    std: FloatArray,
-    min_std: float,
+    population: FloatArray, elites: IntArray, mean: FloatArray, std: FloatArray, min_std: float
 ) -> None:
     """Set `mean` and `std` (H,) to those of the elites, the latter no smaller than `min_std`."""
     for k in range(mean.size):

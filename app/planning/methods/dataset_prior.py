@@ -5,29 +5,21 @@ from typing import Literal
 
 import numpy as np
 
-from app.planning.methods.base import LearnedProposal
-from app.planning.options import OPTION_CHECKS
+from app.planning.options import Options
 from app.planning.prior import ControlPrior
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
 
 
 @dataclass(frozen=True, slots=True)
-class DatasetPrior:
+class DatasetPrior(Options):
     """Dataset-prior random shooting, with the prior that it draws from."""
-
-    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["dataset_prior"] = "dataset_prior"
     prior: ControlPrior = field(default_factory=ControlPrior)
 
     def propose(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        learned: LearnedProposal | None,
-        stop: Stop = NEVER,
+        self, problem: Problem, num_candidates: int, rng: np.random.Generator, stop: Stop = NEVER
     ) -> Candidates:
         """Draw (K, H) controls from the prior."""
         limit = problem.system.control_limit

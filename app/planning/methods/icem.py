@@ -1,20 +1,30 @@
 """iCEM (Pinneri et al. 2020, "Sample-efficient Cross-Entropy Method for Real-time Planning")."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
-from app.planning.methods.base import LearnedProposal, check_initial_controls, score
-from app.planning.options import OPTION_CHECKS, check_ranges
-from app.planning.plant.system import FloatArray
-from app.planning.problem import Candidates, Cost, Problem
-from app.planning.stop import NEVER, Stop
+from app.planning.arrays import FloatArray
+from app.planning.methods.optimiser import Optimiser, Scored, spread
+from app.planning.problem import Cost, Problem
+
+
+class Elites(NamedTuple):
+    """A Gaussian over control sequences, and what it was fitted to; m/s^2."""
+
+    mean: FloatArray
+    """(H,)."""
+    std: FloatArray
+    """(H,)."""
+    elites: Scored
+    sizes: list[int]
+    """How many sequences each iteration draws."""
 
 
 @dataclass(frozen=True, slots=True)
-class ICEM:
+class ICEM(Optimiser[Elites]):
     """The Cross-Entropy Method with coloured noise, kept elites and shrinking populations.
 
     Population decay, kept elites and momentum are the paper's, and so is trying the mean in the
@@ -23,8 +33,6 @@ class ICEM:
     also move on from one control step to the next, shifted by a step: that is for receding
     horizons, and one open-loop plan has no next step.
     """
-
-    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["icem"] = "icem"
     iterations: Annotated[int, Ge(1), Le(1000)] = 40
@@ -41,63 +49,34 @@ class ICEM:
     initial_std: Annotated[float, Gt(0), Le(10)] = 1.5
     """Standard deviation of the first Gaussian, as a fraction of u_max; its mean is zero."""
 
-    def __post_init__(self) -> None:
-        """Check the ranges.
+    def rounds(self) -> int:
+        return self.iterations
 
-        Raises:
-            ValueError: an option is out of its range.
-        """
-        check_ranges(self)
-
-    def propose(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        learned: LearnedProposal | None,
-        stop: Stop = NEVER,
-    ) -> Candidates:
-        """Return the best K sequences (K, H) of all iterations, the best first."""
-        return self.improve(problem, num_candidates, rng, None, stop)
-
-    def improve(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        initial_controls: FloatArray | None,
-        stop: Stop = NEVER,
-    ) -> Candidates:
-        """Do as `propose` does, with `initial_controls` (K, H) for the first population, if given.
-
-        The momentum of the first refit is then that of their own mean and standard deviation.
-
-        Raises:
-            ValueError: the initial controls are not of shape (K, H).
-        """
-        limit, horizon = problem.system.control_limit, problem.horizon
-        sizes, num_elites = self._population_sizes(num_candidates), self._num_elites(num_candidates)
-        mean, std = np.zeros(horizon), np.full(horizon, self.initial_std * limit)
-        if initial_controls is None:
-            population = _draw(rng, sizes[0], mean, std, self.noise_exponent, limit)
+    def begin(self, problem: Problem, num_candidates: int, first: FloatArray | None) -> Elites:
+        """Begin with the mean and the standard deviation of the first population, if given."""
+        if first is None:
+            mean, std = np.zeros(problem.horizon), spread(problem, self.initial_std)
         else:
-            population = check_initial_controls(initial_controls, problem, num_candidates)
-            mean, std = population.mean(axis=0), population.std(axis=0)
-        scored = score(problem, population)
-        seen, elites = scored.best(num_candidates), scored.best(num_elites)
-        for iteration, size in enumerate(sizes[1:], start=1):
-            stop.check()
-            mean = (1 - self.momentum) * elites.controls.mean(axis=0) + self.momentum * mean
-            std = (1 - self.momentum) * elites.controls.std(axis=0) + self.momentum * std
-            population = _draw(rng, size, mean, std, self.noise_exponent, limit)
-            if iteration == self.iterations - 1:
-                population[0] = mean
-            stop.check()
-            scored = score(problem, population)
-            seen = seen.with_(scored).best(num_candidates)
-            kept = elites.best(int(self.kept_elite_fraction * num_elites))
-            elites = scored.with_(kept).best(num_elites)
-        return Candidates(seen.controls)
+            mean, std = first.mean(axis=0), first.std(axis=0)
+        sizes = self._population_sizes(num_candidates)
+        return Elites(mean, std, Scored.none(problem.horizon), sizes)
+
+    def draw(
+        self, state: Elites, iteration: int, problem: Problem, rng: np.random.Generator
+    ) -> FloatArray:
+        noise = coloured_noise(rng, state.sizes[iteration], problem.horizon, self.noise_exponent)
+        population = state.mean + state.std * noise
+        if 0 < iteration == self.iterations - 1:
+            population[0] = state.mean
+        return population
+
+    def learn(self, state: Elites, population: Scored) -> Elites:
+        num_elites = self._num_elites(state.sizes[0])
+        kept = state.elites.best(int(self.kept_elite_fraction * num_elites))
+        elites = population.merged(kept).best(num_elites)
+        mean = (1 - self.momentum) * elites.controls.mean(axis=0) + self.momentum * state.mean
+        std = (1 - self.momentum) * elites.controls.std(axis=0) + self.momentum * state.std
+        return Elites(mean, std, elites, state.sizes)
 
     def cost(self, num_candidates: int) -> Cost:
         """One rollout for each sequence drawn; those of kept elites are known."""
@@ -113,19 +92,6 @@ class ICEM:
             max(least, int(num_candidates * self.population_decay**-iteration))
             for iteration in range(self.iterations)
         ]
-
-
-def _draw(
-    rng: np.random.Generator,
-    count: int,
-    mean: FloatArray,
-    std: FloatArray,
-    noise_exponent: float,
-    limit: float,
-) -> FloatArray:
-    """Return (count, H) sequences around `mean` (H,) with `std` (H,), clipped to the limits."""
-    noise = coloured_noise(rng, count, mean.size, noise_exponent)
-    return np.clip(mean + std * noise, -limit, limit)
 
 
 def coloured_noise(

@@ -5,21 +5,29 @@ the cost of a sample is its terminal error alone.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from app.planning.methods.base import LearnedProposal, check_initial_controls, score
+from app.planning.arrays import FloatArray
 from app.planning.methods.icem import coloured_noise
-from app.planning.options import OPTION_CHECKS, check_ranges
-from app.planning.plant.system import FloatArray
-from app.planning.problem import Candidates, Cost, Problem
-from app.planning.stop import NEVER, Stop
+from app.planning.methods.optimiser import Optimiser, Scored, spread
+from app.planning.problem import Cost, Problem
+
+
+class Nominal(NamedTuple):
+    """The sequence that is improved, and within what."""
+
+    controls: FloatArray
+    """(H,), m/s^2."""
+    lowest: float
+    highest: float
+    num_candidates: int
 
 
 @dataclass(frozen=True, slots=True)
-class MPPI:
+class MPPI(Optimiser[Nominal]):
     """Model predictive path integral: a nominal sequence, moved to the weighted mean of samples.
 
     The update and the smoothing on request are the paper's. Its noise is white, which averages out
@@ -27,8 +35,6 @@ class MPPI:
     Sampling in Model Predictive Path Integral Control"). The paper sets no defaults: these were
     measured to suit this plant.
     """
-
-    __pydantic_config__ = OPTION_CHECKS
 
     name: Literal["mppi"] = "mppi"
     iterations: Annotated[int, Ge(1), Le(1000)] = 40
@@ -41,64 +47,38 @@ class MPPI:
     smoothing_window: Annotated[int, Ge(1), Le(1023)] = 1
     """Steps of the moving average over each update of the nominal sequence, odd; 1 is none."""
 
-    def __post_init__(self) -> None:
-        """Check the ranges.
+    def check_combination(self) -> None:
+        """Check what the range does not say.
 
         Raises:
-            ValueError: an option is out of its range, or the smoothing window is even.
+            ValueError: the smoothing window is even.
         """
-        check_ranges(self)
         if self.smoothing_window % 2 == 0:
             raise ValueError("smoothing_window must be odd")
 
-    def propose(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        learned: LearnedProposal | None,
-        stop: Stop = NEVER,
-    ) -> Candidates:
-        """Return the best K (K, H) of all samples and the last nominal sequence, best first."""
-        return self.improve(problem, num_candidates, rng, None, stop)
+    def rounds(self) -> int:
+        """Return one more than the iterations: the last nominal sequence is rolled out, too."""
+        return self.iterations + 1
 
-    def improve(
-        self,
-        problem: Problem,
-        num_candidates: int,
-        rng: np.random.Generator,
-        initial_controls: FloatArray | None,
-        stop: Stop = NEVER,
-    ) -> Candidates:
-        """Do as `propose` does, with `initial_controls` (K, H) for the first samples, if given.
+    def begin(self, problem: Problem, num_candidates: int, first: FloatArray | None) -> Nominal:
+        """Begin with the mean of the first samples, if given, else with zero."""
+        controls = np.zeros(problem.horizon) if first is None else first.mean(axis=0)
+        plant = problem.system.plant
+        return Nominal(controls, plant.lowest_control, plant.highest_control, num_candidates)
 
-        Their mean is then the first nominal sequence, else zero.
+    def draw(
+        self, state: Nominal, iteration: int, problem: Problem, rng: np.random.Generator
+    ) -> FloatArray:
+        if iteration == self.iterations:
+            return state.controls[None]
+        noise = coloured_noise(rng, state.num_candidates, problem.horizon, self.noise_exponent)
+        return state.controls + spread(problem, self.noise_std) * noise
 
-        Raises:
-            ValueError: the initial controls are not of shape (K, H).
-        """
-        limit = problem.system.control_limit
-        nominal = np.zeros(problem.horizon)
-        first = None
-        if initial_controls is not None:
-            first = check_initial_controls(initial_controls, problem, num_candidates)
-            nominal = first.mean(axis=0)
-        seen = score(problem, np.empty((0, problem.horizon)))
-        for iteration in range(self.iterations):
-            stop.check()
-            if first is not None and iteration == 0:
-                samples = first
-            else:
-                noise = coloured_noise(rng, num_candidates, problem.horizon, self.noise_exponent)
-                samples = np.clip(nominal + self.noise_std * limit * noise, -limit, limit)
-            stop.check()
-            scored = score(problem, samples)
-            seen = seen.with_(scored).best(num_candidates)
-            update = path_integral_weights(scored.errors, self.temperature) @ samples - nominal
-            nominal = nominal + moving_average(update, self.smoothing_window)
-            nominal = np.clip(nominal, -limit, limit)
-        last = score(problem, nominal[None])
-        return Candidates(seen.with_(last).best(num_candidates).controls)
+    def learn(self, state: Nominal, population: Scored) -> Nominal:
+        weights = path_integral_weights(population.errors, self.temperature)
+        update = weights @ population.controls - state.controls
+        controls = state.controls + moving_average(update, self.smoothing_window)
+        return state._replace(controls=controls.clip(state.lowest, state.highest))
 
     def cost(self, num_candidates: int) -> Cost:
         """One rollout for each sample of each iteration, and one of the last nominal sequence."""

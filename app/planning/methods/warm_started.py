@@ -1,20 +1,24 @@
 """Warm starts: any optimiser, begun from what another method proposes."""
 
 from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from app.planning.methods.base import LearnedProposal, Method, Optimiser
+from app.planning.methods.base import Method, MethodOptions
+from app.planning.methods.optimiser import Optimiser
 from app.planning.problem import Candidates, Cost, PlanningError, Problem
 from app.planning.stop import NEVER, Stop
 
+Initial_co = TypeVar("Initial_co", bound=MethodOptions, covariant=True)
+
 
 @dataclass(frozen=True, slots=True)
-class Started:
+class WarmStarted(Generic[Initial_co]):
     """`optimiser` with the candidates of `initial` for its first population."""
 
-    optimiser: Optimiser
-    initial: Method
+    optimiser: Optimiser[Any]
+    initial: Initial_co
 
     @property
     def name(self) -> str:
@@ -22,24 +26,23 @@ class Started:
         return self.optimiser.name
 
     def propose(
-        self,
+        self: "WarmStarted[Method]",
         problem: Problem,
         num_candidates: int,
         rng: np.random.Generator,
-        learned: LearnedProposal | None,
         stop: Stop = NEVER,
     ) -> Candidates:
         """Return the optimiser's candidates (K, H), the best no worse than any initial one.
 
         Raises:
             PlanningError: the initial method proposed controls that are not finite.
-            ValueError: it needs a learned proposal and was given none, or proposed another shape.
+            ValueError: it proposed another shape.
         """
-        initial = self.initial.propose(problem, num_candidates, rng, learned, stop)
+        initial = self.initial.propose(problem, num_candidates, rng, stop)
         if not np.all(np.isfinite(initial.controls)):
             raise PlanningError(f"{self.initial.name} proposed controls that are not finite")
-        limit = problem.system.control_limit
-        controls = np.clip(initial.controls, -limit, limit)
+        plant = problem.system.plant
+        controls = initial.controls.clip(plant.lowest_control, plant.highest_control)
         improved = self.optimiser.improve(problem, num_candidates, rng, controls, stop)
         return Candidates(improved.controls, initial.queue_ms + improved.queue_ms)
 

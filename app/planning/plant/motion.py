@@ -1,19 +1,25 @@
-"""The motion of a plan: which branch of `step` each step takes, and what keeps it there.
+"""The motion of a plan: the kind of each of its steps, and what keeps it so.
 
-As long as every step keeps its branch, the plan is affine in its controls; null_space.py uses that.
+As long as every step keeps its kind, the plan is affine in its controls; null_space.py uses that.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from app.compilation import compiled
-from app.planning.plant.sensitivity import step_derivatives
-from app.planning.plant.system import FloatArray, Parameters, step
+from app.planning.arrays import FloatArray
+from app.planning.plant.friction import (
+    BREAKING_AWAY,
+    STOPPING,
+    STUCK,
+    sliding_retains,
+    take_step,
+)
+from app.planning.plant.task import Task
 
 STRICT = 1e-9
-"""A bound that itself belongs to the next branch is approached no closer than this share of it."""
+"""A bound that belongs to the next kind of step is approached no closer than this share of it."""
 
 
 class Motion(NamedTuple):
@@ -23,83 +29,72 @@ class Motion(NamedTuple):
     """dv_{k+1}/dv_k."""
     by_control: FloatArray
     """dv_{k+1}/du_k."""
+    free_by_velocity: FloatArray
+    """dv'_{k+1}/dv_k: a stopping step has it, too."""
     free_velocity: FloatArray
     """v'_{k+1}, m/s, in the direction of the motion."""
-    side: FloatArray
-    """Direction of the motion: +-1, or 0 for a stuck step."""
-    velocity_low: FloatArray
+    direction: FloatArray
+    """Of the motion: +-1, or 0 for a stuck step."""
+    lowest_velocity: FloatArray
     """Bounds of `free_velocity`, m/s."""
-    velocity_high: FloatArray
-    control_low: FloatArray
-    """Bounds of the controls, m/s^2: u_max, and static friction for a mass at rest."""
-    control_high: FloatArray
+    highest_velocity: FloatArray
+    lowest_control: FloatArray
+    """Bounds of the controls, m/s^2: the plant's, and static friction for a mass at rest."""
+    highest_control: FloatArray
 
 
 @compiled
-def motion_of(
-    controls: FloatArray, position: float, velocity: float, parameters: Parameters
-) -> Motion:
+def motion_of(controls: FloatArray, task: Task) -> Motion:
     """Return the motion that `controls` (H,) lead to."""
-    static_friction, coulomb_friction, damping, limit, time_step, threshold = parameters
+    plant = task.plant
+    static_friction, threshold = plant.static_friction, plant.velocity_threshold
+    breakaway = static_friction * (1.0 + STRICT)
     horizon = controls.size
-    by_velocity, by_control = np.empty(horizon), np.empty(horizon)
-    free_velocity, side = np.zeros(horizon), np.zeros(horizon)
-    velocity_low, velocity_high = np.full(horizon, -np.inf), np.full(horizon, np.inf)
-    control_low, control_high = np.full(horizon, -limit), np.full(horizon, limit)
-    for k in range(horizon):
-        control = controls[k]
-        position, next_velocity = step(position, velocity, control, parameters)
-        by_velocity[k], by_control[k] = step_derivatives(
-            velocity, control, next_velocity, parameters
-        )
-        if abs(velocity) < threshold:
-            breakaway = static_friction * (1.0 + STRICT)
-            if abs(control) <= static_friction:
-                control_low[k] = max(-limit, -static_friction)
-                control_high[k] = min(limit, static_friction)
-            elif control > 0.0:
-                control_low[k] = min(control, breakaway)
-                side[k] = 1.0
-            else:
-                control_high[k] = max(control, -breakaway)
-                side[k] = -1.0
-            free_velocity[k] = side[k] * next_velocity
-        else:
-            side[k] = math.copysign(1.0, velocity)
-            drift = control - side[k] * coulomb_friction - damping * velocity
-            free_velocity[k] = side[k] * (velocity + time_step * drift)
-        if side[k] != 0.0:
-            if by_control[k] == 0.0:
-                velocity_high[k] = 0.0
-            elif k == horizon - 1:
-                velocity_low[k] = 0.0
-            elif abs(next_velocity) < threshold:
-                velocity_low[k], velocity_high[k] = 0.0, threshold * (1.0 - STRICT)
-            else:
-                velocity_low[k] = threshold * (1.0 + STRICT)
-        velocity = next_velocity
-    return Motion(
-        by_velocity,
-        by_control,
-        free_velocity,
-        side,
-        velocity_low,
-        velocity_high,
-        control_low,
-        control_high,
+    motion = Motion(
+        by_velocity=np.empty(horizon),
+        by_control=np.empty(horizon),
+        free_by_velocity=np.empty(horizon),
+        free_velocity=np.empty(horizon),
+        direction=np.empty(horizon),
+        lowest_velocity=np.full(horizon, -np.inf),
+        highest_velocity=np.full(horizon, np.inf),
+        lowest_control=np.full(horizon, plant.lowest_control),
+        highest_control=np.full(horizon, plant.highest_control),
     )
+    velocity = task.velocity
+    for k in range(horizon):
+        step = take_step(velocity, controls[k], plant)
+        motion.by_velocity[k], motion.by_control[k] = step.by_velocity, step.by_control
+        stopping = step.kind == STOPPING
+        motion.free_by_velocity[k] = sliding_retains(plant) if stopping else step.by_velocity
+        motion.free_velocity[k] = step.direction * step.free_velocity
+        motion.direction[k] = step.direction
+        if step.kind == STUCK:
+            motion.lowest_control[k] = max(plant.lowest_control, -static_friction)
+            motion.highest_control[k] = min(plant.highest_control, static_friction)
+        elif step.kind == BREAKING_AWAY and step.direction > 0.0:
+            motion.lowest_control[k] = min(controls[k], breakaway)
+        elif step.kind == BREAKING_AWAY:
+            motion.highest_control[k] = max(controls[k], -breakaway)
+        if stopping:
+            motion.highest_velocity[k] = 0.0
+        elif step.kind != STUCK and k == horizon - 1:
+            motion.lowest_velocity[k] = 0.0
+        elif step.kind != STUCK and abs(step.next_velocity) < threshold:
+            motion.lowest_velocity[k] = 0.0
+            motion.highest_velocity[k] = threshold * (1.0 - STRICT)
+        elif step.kind != STUCK:
+            motion.lowest_velocity[k] = threshold * (1.0 + STRICT)
+        velocity = step.next_velocity
+    return motion
 
 
 @compiled
-def free_velocity_row(
-    motion: Motion, at: int, time_step: float, damping: float, row: FloatArray
-) -> None:
+def free_velocity_row(motion: Motion, at: int, time_step: float, row: FloatArray) -> None:
     """Fill `row` (H,) with the derivative of `motion.free_velocity[at]` by the controls."""
     row[:] = 0.0
-    row[at] = motion.side[at] * time_step
-    slope = motion.side[at]
-    # A stopping step still has a free velocity, which the velocity before it moves.
-    slope *= motion.by_velocity[at] if motion.by_control[at] > 0.0 else 1.0 - damping * time_step
+    row[at] = motion.direction[at] * time_step
+    slope = motion.direction[at] * motion.free_by_velocity[at]
     for k in range(at - 1, -1, -1):
         row[k] = slope * motion.by_control[k]
         slope *= motion.by_velocity[k]
@@ -109,11 +104,11 @@ def free_velocity_row(
 
 @compiled
 def free_velocity_rates(
-    motion: Motion, direction: FloatArray, time_step: float, damping: float, rates: FloatArray
+    motion: Motion, direction: FloatArray, time_step: float, rates: FloatArray
 ) -> None:
     """Fill `rates` (H,) with how fast `motion.free_velocity` changes along `direction` (H,)."""
     velocity_rate = 0.0
     for k in range(direction.size):
-        slope = motion.by_velocity[k] if motion.by_control[k] > 0.0 else 1.0 - damping * time_step
-        rates[k] = motion.side[k] * (slope * velocity_rate + time_step * direction[k])
+        free_rate = motion.free_by_velocity[k] * velocity_rate + time_step * direction[k]
+        rates[k] = motion.direction[k] * free_rate
         velocity_rate = motion.by_velocity[k] * velocity_rate + motion.by_control[k] * direction[k]

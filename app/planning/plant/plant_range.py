@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Self, TypeAlias
 
-from app.planning.options import OPTION_CHECKS
+from app.planning.options import Options
 from app.planning.plant.system import System
 
 Bounds: TypeAlias = tuple[float, float]
@@ -11,10 +11,8 @@ Bounds: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class PlantRange:
+class PlantRange(Options):
     """All plants whose every parameter lies within its bounds; fields and units of `System`."""
-
-    __pydantic_config__ = OPTION_CHECKS
 
     static_friction: Bounds
     coulomb_friction: Bounds
@@ -23,7 +21,7 @@ class PlantRange:
     time_step: Bounds
     velocity_threshold: Bounds
 
-    def __post_init__(self) -> None:
+    def check_combination(self) -> None:
         """Check the order.
 
         Raises:

@@ -4,12 +4,15 @@ It keeps to the motion that the candidate has; trying other motions is the matte
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from app.compilation import compiled
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import terminal_state
 from app.planning.plant.sensitivity import linearise
-from app.planning.plant.system import FloatArray, Parameters, terminal_state
+from app.planning.plant.task import Task
 from app.planning.stop import Flag
 
 EXACT = 1e-12
@@ -26,59 +29,58 @@ STALLED = 1e-4
 
 
 @compiled
-def terminal_error_of(
-    controls: FloatArray,
-    position: float,
-    velocity: float,
-    target: FloatArray,
-    parameters: Parameters,
-) -> float:
-    """Return ||x_H - x*|| of `controls` (H,) by a rollout."""
-    p, v = terminal_state(controls, position, velocity, parameters)
-    return math.hypot(p - target[0], v - target[1])
+def distance(position: float, velocity: float, task: Task) -> float:
+    """Return how far a state is from the target, ||x - x*||."""
+    return math.hypot(position - task.target_position, velocity - task.target_velocity)
 
 
 @compiled
-def arrive(
-    controls: FloatArray,
-    position: float,
-    velocity: float,
-    target: FloatArray,
-    parameters: Parameters,
-    iterations: int,
-    stopped: Flag,
-) -> tuple[float, int]:
+def terminal_error_of(controls: FloatArray, task: Task) -> float:
+    """Return ||x_H - x*|| of `controls` (H,) by a rollout."""
+    position, velocity = terminal_state(controls, task.position, task.velocity, task.plant)
+    return distance(position, velocity, task)
+
+
+@compiled
+def arrive(controls: FloatArray, task: Task, iterations: int, stopped: Flag) -> tuple[float, int]:
     """Move `controls` (H,) in place until they arrive or stall; return the error and the rollouts.
 
     Levenberg-Marquardt on the residual r = x_H - x* (Nocedal and Wright, Numerical Optimization,
     Sect. 10.3), the bounds in the subproblem, then halving on the true rollout. The controls change
     only where the true rollout improves, so the error never grows.
     """
-    limit = parameters[3]
+    lowest, highest = task.plant.lowest_control, task.plant.highest_control
     horizon = controls.size
     jacobian = np.empty((2, horizon))
     direction = np.empty(horizon)
     trial = np.empty(horizon)
-    error = terminal_error_of(controls, position, velocity, target, parameters)
+    error = terminal_error_of(controls, task)
     rollouts = 1
     damping = INITIAL_DAMPING
     for _ in range(iterations):
         if error <= EXACT or stopped[0]:
             break
-        p, v = linearise(controls, position, velocity, parameters, jacobian)
+        p, v = linearise(controls, task, jacobian)
         rollouts += 1
         scale = np.sum(jacobian**2)
         if scale == 0.0:
             break
-        bounded_step(
-            controls, jacobian, p - target[0], v - target[1], damping * scale, limit, direction
+        subproblem = Subproblem(
+            controls,
+            jacobian,
+            p - task.target_position,
+            v - task.target_velocity,
+            damping * scale,
+            lowest,
+            highest,
         )
+        bounded_step(subproblem, direction)
         before = error
         fraction = 1.0
         for _ in range(MAX_HALVINGS):
             for k in range(horizon):
-                trial[k] = min(limit, max(-limit, controls[k] + fraction * direction[k]))
-            trial_error = terminal_error_of(trial, position, velocity, target, parameters)
+                trial[k] = min(highest, max(lowest, controls[k] + fraction * direction[k]))
+            trial_error = terminal_error_of(trial, task)
             rollouts += 1
             if trial_error < error:
                 error = trial_error
@@ -92,20 +94,26 @@ def arrive(
     return error, rollouts
 
 
-@compiled
-def bounded_step(
-    controls: FloatArray,
-    jacobian: FloatArray,
-    position_residual: float,
-    velocity_residual: float,
-    damping: float,
-    limit: float,
-    direction: FloatArray,
-) -> None:
-    """Fill `direction` (H,) with the damped Gauss-Newton step that keeps to the bounds.
+class Subproblem(NamedTuple):
+    """Minimise |r + J d|^2 + damping*|d|^2 over d, with lowest <= u + d <= highest."""
 
-    It is the minimiser d of |r + J d|^2 + damping*|d|^2 with |u + d| <= limit. The optimality
-    conditions leave two unknowns, z = (r + J d)/damping:
+    controls: FloatArray
+    """u, (H,)."""
+    jacobian: FloatArray
+    """J, (2, H)."""
+    position_residual: float
+    """r."""
+    velocity_residual: float
+    damping: float
+    lowest: float
+    highest: float
+
+
+@compiled
+def bounded_step(subproblem: Subproblem, direction: FloatArray) -> None:
+    """Fill `direction` (H,) with the minimiser d of a subproblem.
+
+    The optimality conditions leave two unknowns, z = (r + J d)/damping:
 
         d = clip(-J^T z),    damping*z - r - J d = 0.
 
@@ -114,19 +122,20 @@ def bounded_step(
     its 2x2 Hessian, damping*I + J_free J_free^T. With every control free this is the minimum-norm
     step -J^T (J J^T + damping*I)^-1 r.
     """
+    controls, jacobian, damping = subproblem.controls, subproblem.jacobian, subproblem.damping
+    rp, rv = subproblem.position_residual, subproblem.velocity_residual
     # z: multipliers of the position and the velocity.
     zp, zv = 0.0, 0.0
-    tolerance = 1e-14 * (abs(position_residual) + abs(velocity_residual))
+    tolerance = 1e-14 * (abs(rp) + abs(rv))
     for _ in range(MAX_DUAL_STEPS):
-        value = _dual_value(
-            controls, jacobian, position_residual, velocity_residual, damping, limit, zp, zv
-        )
-        gp, gv = damping * zp - position_residual, damping * zv - velocity_residual
+        value = _dual_value(subproblem, zp, zv)
+        gp, gv = damping * zp - rp, damping * zv - rv
         hpp, hpv, hvv = damping, 0.0, damping
         for k in range(controls.size):
             jp, jv = jacobian[0, k], jacobian[1, k]
             unbounded = -(jp * zp + jv * zv)
-            direction[k] = min(limit - controls[k], max(-limit - controls[k], unbounded))
+            nearest = max(subproblem.lowest - controls[k], unbounded)
+            direction[k] = min(subproblem.highest - controls[k], nearest)
             gp -= jp * direction[k]
             gv -= jv * direction[k]
             if direction[k] == unbounded:
@@ -141,16 +150,7 @@ def bounded_step(
         decrease = 0.1 * (gp * sp + gv * sv)
         fraction = 1.0
         while fraction > MIN_DUAL_FRACTION:
-            trial = _dual_value(
-                controls,
-                jacobian,
-                position_residual,
-                velocity_residual,
-                damping,
-                limit,
-                zp - fraction * sp,
-                zv - fraction * sv,
-            )
+            trial = _dual_value(subproblem, zp - fraction * sp, zv - fraction * sv)
             if trial <= value - fraction * decrease:
                 break
             fraction *= 0.5
@@ -159,20 +159,14 @@ def bounded_step(
 
 
 @compiled
-def _dual_value(
-    controls: FloatArray,
-    jacobian: FloatArray,
-    position_residual: float,
-    velocity_residual: float,
-    damping: float,
-    limit: float,
-    zp: float,
-    zv: float,
-) -> float:
+def _dual_value(subproblem: Subproblem, zp: float, zv: float) -> float:
     """Return the convex function of z whose gradient `bounded_step` makes zero."""
-    value = 0.5 * damping * (zp * zp + zv * zv) - position_residual * zp - velocity_residual * zv
+    controls, jacobian = subproblem.controls, subproblem.jacobian
+    value = 0.5 * subproblem.damping * (zp * zp + zv * zv)
+    value = value - subproblem.position_residual * zp - subproblem.velocity_residual * zv
     for k in range(controls.size):
         unbounded = -(jacobian[0, k] * zp + jacobian[1, k] * zv)
-        d = min(limit - controls[k], max(-limit - controls[k], unbounded))
+        nearest = max(subproblem.lowest - controls[k], unbounded)
+        d = min(subproblem.highest - controls[k], nearest)
         value += d * (unbounded - 0.5 * d)
     return value

@@ -1,26 +1,27 @@
-"""Descent of energy or roughness among the plans that arrive: a quadratic program a motion.
+"""Descent of energy or smoothness among the plans that arrive: a quadratic program a motion.
 
 Where the controls arrive in the first place is the matter of gauss_newton.py.
 """
 
 import math
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.compilation import compiled
+from app.planning.arrays import FloatArray, IntArray
 from app.planning.plant.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
+from app.planning.plant.rollout import terminal_state
 from app.planning.plant.sensitivity import linearise
-from app.planning.plant.system import FloatArray, Parameters, terminal_state
-from app.planning.refining.gauss_newton import EXACT, arrive
+from app.planning.plant.task import Task
+from app.planning.refining.gauss_newton import EXACT, arrive, distance, terminal_error_of
 from app.planning.stop import Flag
 
 NUM_TERMINAL_ROWS = 2
 MAX_ROWS = 24
 """Two terminal rows, and as many velocities as can be held at a switch at once."""
 PROXIMAL = 1e-7
-"""Added to the Hessian, which for the roughness is singular; each step makes up for the last."""
+"""Added to the Hessian, which for the smoothness is singular; each step makes up for the last."""
 SETTLED = 1e-10
 """A step smaller than this, m/s^2, is none."""
 SLOWEST = 1e-13
@@ -33,14 +34,12 @@ RELEASED = 1e-8
 DEPENDENT = 1e-11
 FREE, LOW, HIGH = 0, -1, 1
 
-IntArray: TypeAlias = NDArray[np.int64]
-
 
 @compiled
-def quadratic(controls: FloatArray, roughness: bool) -> float:
-    """Return sum u_k^2 of `controls` (H,), or with `roughness` sum (u_{k+1} - u_k)^2."""
+def sum_of_squares(controls: FloatArray, differences: bool) -> float:
+    """Return sum u_k^2 of `controls` (H,), or of their `differences` sum (u_{k+1} - u_k)^2."""
     total = 0.0
-    if roughness:
+    if differences:
         for k in range(controls.size - 1):
             total += (controls[k + 1] - controls[k]) ** 2
     else:
@@ -51,51 +50,43 @@ def quadratic(controls: FloatArray, roughness: bool) -> float:
 
 @compiled
 def descend(
-    controls: FloatArray,
-    position: float,
-    velocity: float,
-    target: FloatArray,
-    parameters: Parameters,
-    roughness: bool,
-    iterations: int,
-    stopped: Flag,
+    controls: FloatArray, task: Task, differences: bool, iterations: int, stopped: Flag
 ) -> tuple[float, int]:
-    """Lower the objective of `controls` (H,) in place; return their terminal error, the rollouts.
+    """Lower the sum of squares of `controls` (H,) in place, or that of their `differences`.
 
     With the motion kept (motion.py), the terminal state is affine in the controls and the least
     objective that ends in the same state is a convex quadratic program, solved exactly. Where it
     presses against the edge of its motion, a step across the edge is tried, brought back to the
     terminal state by Gauss-Newton, and kept if that lowers the objective; then follows the next
     program. The terminal error never grows by more than rounding (`EXACT`).
+
+    Returns the terminal error and the rollouts.
     """
-    limit = parameters[3]
-    p, v = terminal_state(controls, position, velocity, parameters)
-    reached = np.array([p, v])
-    error = math.hypot(p - target[0], v - target[1])
+    lowest, highest = task.plant.lowest_control, task.plant.highest_control
+    p, v = terminal_state(controls, task.position, task.velocity, task.plant)
+    reached = Task(task.position, task.velocity, p, v, task.plant)
+    error = distance(p, v, task)
     allowed = error + EXACT
     rollouts = 1
-    value = quadratic(controls, roughness)
+    value = sum_of_squares(controls, differences)
     trial = np.empty(controls.size)
     for _ in range(iterations):
         if stopped[0]:
             break
         trial[:] = controls
-        across, spent = _least_within_motion(
-            trial, position, velocity, parameters, roughness, stopped
-        )
+        across, spent = _least_within_motion(trial, task, differences, stopped)
         rollouts += spent
         fraction = 1.0
         for _ in range(MAX_TRIALS):
-            trial_error, spent = _bring_back(
-                trial, position, velocity, reached, target, parameters, iterations, stopped
-            )
-            rollouts += spent
-            trial_value = quadratic(trial, roughness)
+            _, spent = arrive(trial, reached, iterations, stopped)
+            trial_error = terminal_error_of(trial, task)
+            rollouts += spent + 1
+            trial_value = sum_of_squares(trial, differences)
             if trial_error <= allowed and trial_value < (1.0 - WORTHWHILE) * value:
                 break
             # The motion has its least; on across its edge, by halves.
             for k in range(controls.size):
-                trial[k] = min(limit, max(-limit, controls[k] + fraction * across[k]))
+                trial[k] = min(highest, max(lowest, controls[k] + fraction * across[k]))
             fraction *= 0.5
         else:
             break
@@ -104,30 +95,8 @@ def descend(
 
 
 @compiled
-def _bring_back(
-    controls: FloatArray,
-    position: float,
-    velocity: float,
-    reached: FloatArray,
-    target: FloatArray,
-    parameters: Parameters,
-    iterations: int,
-    stopped: Flag,
-) -> tuple[float, int]:
-    """Move `controls` back to the state `reached`; return their error to the target, rollouts."""
-    _, rollouts = arrive(controls, position, velocity, reached, parameters, iterations, stopped)
-    p, v = terminal_state(controls, position, velocity, parameters)
-    return math.hypot(p - target[0], v - target[1]), rollouts + 1
-
-
-@compiled
 def _least_within_motion(
-    controls: FloatArray,
-    position: float,
-    velocity: float,
-    parameters: Parameters,
-    roughness: bool,
-    stopped: Flag,
+    controls: FloatArray, task: Task, differences: bool, stopped: Flag
 ) -> tuple[FloatArray, int]:
     """Move `controls` (H,) to the least objective of their motion and terminal state, in place.
 
@@ -136,77 +105,101 @@ def _least_within_motion(
     are held by a row each, beside the two rows of the terminal state. Also returns the direction
     (H,) in which the objective would fall if the motion did not matter, and the rollouts.
     """
-    _, _, damping, limit, time_step, _ = parameters
+    plant = task.plant
     horizon = controls.size
-    motion = motion_of(controls, position, velocity, parameters)
-    rows = np.zeros((MAX_ROWS, horizon))
-    linearise(controls, position, velocity, parameters, rows[:NUM_TERMINAL_ROWS])
-    held = np.zeros(horizon, dtype=np.int64)
-    held_at = np.zeros(MAX_ROWS, dtype=np.int64)
+    motion = motion_of(controls, task)
+    active = ActiveSet(
+        frozen=np.zeros(horizon, dtype=np.int64),
+        held=np.zeros(horizon, dtype=np.int64),
+        held_at=np.zeros(MAX_ROWS, dtype=np.int64),
+        rows=np.zeros((MAX_ROWS, horizon)),
+    )
+    linearise(controls, task, active.rows[:NUM_TERMINAL_ROWS])
     num_rows = NUM_TERMINAL_ROWS
-    frozen = np.zeros(horizon, dtype=np.int64)
     reduced, direction, rates = np.empty(horizon), np.empty(horizon), np.empty(horizon)
     for _ in range(6 * horizon):
-        if stopped[0]:
+        if stopped[0] or num_rows < 0:
             break
-        multipliers = _newton_step(controls, rows[:num_rows], frozen, roughness, direction, reduced)
-        largest = 0.0
-        for k in range(horizon):
-            largest = max(largest, abs(direction[k]))
-        if largest <= SETTLED:
-            remaining = _release(frozen, reduced, held, held_at, multipliers, rows, num_rows)
-            if remaining < 0:
-                break
-            num_rows = remaining
+        rows = active.rows[:num_rows]
+        multipliers = _newton_step(controls, rows, active.frozen, differences, direction, reduced)
+        if np.abs(direction).max() <= SETTLED:
+            num_rows = _release(active, reduced, multipliers, num_rows)
             continue
-        free_velocity_rates(motion, direction, time_step, damping, rates)
-        fraction, blocking = _longest_step(controls, direction, frozen, motion, rates, held)
+        free_velocity_rates(motion, direction, plant.time_step, rates)
+        fraction, blocking = _longest_step(controls, direction, motion, rates, active)
         for k in range(horizon):
             moved = controls[k] + fraction * direction[k]
-            controls[k] = min(motion.control_high[k], max(motion.control_low[k], moved))
+            controls[k] = min(motion.highest_control[k], max(motion.lowest_control[k], moved))
             motion.free_velocity[k] += fraction * rates[k]
         if blocking >= horizon:
-            if num_rows == MAX_ROWS:
-                break
             at = blocking - horizon
-            held_at[num_rows] = at
-            held[at] = HIGH if rates[at] > 0.0 else LOW
-            free_velocity_row(motion, at, time_step, damping, rows[num_rows])
-            num_rows += 1
+            side = HIGH if rates[at] > 0.0 else LOW
+            num_rows = _hold(active, motion, at, side, plant.time_step, num_rows)
+        elif blocking >= 0 and direction[blocking] > 0.0:
+            active.frozen[blocking], controls[blocking] = HIGH, motion.highest_control[blocking]
         elif blocking >= 0:
-            if direction[blocking] > 0.0:
-                frozen[blocking], controls[blocking] = HIGH, motion.control_high[blocking]
-            else:
-                frozen[blocking], controls[blocking] = LOW, motion.control_low[blocking]
+            active.frozen[blocking], controls[blocking] = LOW, motion.lowest_control[blocking]
     # Only the bounds of the controls stay; those of static friction belong to the motion.
-    frozen[np.abs(controls) < limit] = FREE
-    _newton_step(controls, rows[:NUM_TERMINAL_ROWS], frozen, roughness, direction, reduced)
+    for k in range(horizon):
+        if plant.lowest_control < controls[k] < plant.highest_control:
+            active.frozen[k] = FREE
+    terminal_rows = active.rows[:NUM_TERMINAL_ROWS]
+    _newton_step(controls, terminal_rows, active.frozen, differences, direction, reduced)
     return direction, 2
+
+
+class ActiveSet(NamedTuple):
+    """Which constraints hold as equalities; `FREE`, `LOW` and `HIGH` say which side of each."""
+
+    frozen: IntArray
+    """(H,), controls on their bounds."""
+    held: IntArray
+    """(H,), free velocities on the edge of their kind of step."""
+    held_at: IntArray
+    """(MAX_ROWS,), the steps of the held velocities, by row."""
+    rows: FloatArray
+    """(MAX_ROWS, H), derivatives by the controls: of the terminal state, then of what is held."""
+
+
+@compiled
+def _hold(
+    active: ActiveSet, motion: Motion, at: int, side: int, time_step: float, num_rows: int
+) -> int:
+    """Hold the free velocity of a step on its edge; return how many rows there are then.
+
+    Returns -1 where there is no room for another.
+    """
+    if num_rows == MAX_ROWS:
+        return -1
+    active.held_at[num_rows] = at
+    active.held[at] = side
+    free_velocity_row(motion, at, time_step, active.rows[num_rows])
+    return num_rows + 1
 
 
 @compiled
 def _longest_step(
     controls: FloatArray,
     direction: FloatArray,
-    frozen: IntArray,
     motion: Motion,
     rates: FloatArray,
-    held: IntArray,
+    active: ActiveSet,
 ) -> tuple[float, int]:
     """Return the share of `direction` (H,) that keeps the motion, and what blocks the rest of it.
 
     That is k for the bound of control k, H + k for the edge of free velocity k, -1 for nothing.
     """
+    frozen, held = active.frozen, active.held
     horizon = controls.size
     longest, blocking = 1.0, -1
     for k in range(horizon):
         if frozen[k] == FREE and direction[k] != 0.0:
-            bound = motion.control_high[k] if direction[k] > 0.0 else motion.control_low[k]
+            bound = motion.highest_control[k] if direction[k] > 0.0 else motion.lowest_control[k]
             share = (bound - controls[k]) / direction[k]
             if share < longest:
                 longest, blocking = max(share, 0.0), k
         if held[k] == FREE and abs(rates[k]) > SLOWEST:
-            bound = motion.velocity_high[k] if rates[k] > 0.0 else motion.velocity_low[k]
+            bound = motion.highest_velocity[k] if rates[k] > 0.0 else motion.lowest_velocity[k]
             share = (bound - motion.free_velocity[k]) / rates[k]
             if share < longest:
                 longest, blocking = max(share, 0.0), horizon + k
@@ -218,7 +211,7 @@ def _newton_step(
     controls: FloatArray,
     rows: FloatArray,
     frozen: IntArray,
-    roughness: bool,
+    differences: bool,
     direction: FloatArray,
     reduced: FloatArray,
 ) -> FloatArray:
@@ -231,7 +224,7 @@ def _newton_step(
     num_rows, horizon = rows.shape
     diagonal, coupling = np.full(horizon, 2.0 + PROXIMAL), np.zeros(horizon)
     gradient = 2.0 * controls
-    if roughness:
+    if differences:
         for k in range(horizon):
             neighbours = 0.0
             gradient[k] = 0.0
@@ -305,19 +298,12 @@ def _solve_semidefinite(matrix: FloatArray, unknowns: FloatArray) -> None:
 
 
 @compiled
-def _release(
-    frozen: IntArray,
-    reduced: FloatArray,
-    held: IntArray,
-    held_at: IntArray,
-    multipliers: FloatArray,
-    rows: FloatArray,
-    num_rows: int,
-) -> int:
+def _release(active: ActiveSet, reduced: FloatArray, multipliers: FloatArray, num_rows: int) -> int:
     """Release the bound or row that the objective pulls away from most; return the rows left.
 
     Returns -1 where there is none: the multipliers have the signs of a minimum.
     """
+    frozen, held, held_at, rows = active.frozen, active.held, active.held_at, active.rows
     most, control, row = RELEASED, -1, -1
     for k in range(frozen.size):
         pull = frozen[k] * reduced[k]

@@ -4,66 +4,78 @@ Descent from what is found here is the matter of gauss_newton.py, the order of t
 refinement.py.
 """
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 
 from app.compilation import compiled
-from app.planning.plant.system import FloatArray, Parameters, step, terminal_state
-from app.planning.refining.gauss_newton import terminal_error_of
+from app.planning.arrays import FloatArray, IntArray
+from app.planning.plant.rollout import step, terminal_state
+from app.planning.plant.system import Plant
+from app.planning.plant.task import Task
+from app.planning.refining.gauss_newton import distance, terminal_error_of
+
+SIGNS = (-1, 0, 1)
+"""Of a stretch: full control one way, none, full control the other way."""
 
 
 @compiled
-def overwrite_best_window(
-    controls: FloatArray,
-    position: float,
-    velocity: float,
-    target: FloatArray,
-    parameters: Parameters,
-    stride: int,
-) -> tuple[float, int]:
+def full_control(sign: int, plant: Plant) -> float:
+    """Return the control of a stretch of that sign, m/s^2."""
+    if sign == 0:
+        return 0.0
+    return plant.highest_control if sign > 0 else plant.lowest_control
+
+
+@compiled
+def overwrite_best_window(controls: FloatArray, task: Task, stride: int) -> tuple[float, int]:
     """Overwrite the window of `controls` (H,) that lowers the error most; return error, rollouts.
 
     A window begins and ends at multiples of `stride` (or at H) and gets one of -u_max, 0 and u_max:
     it can start a motion, end one, turn it around, move its switches or wait. If none helps the
     controls stay as they are.
     """
-    limit = parameters[3]
+    plant = task.plant
     horizon = controls.size
-    best_error = terminal_error_of(controls, position, velocity, target, parameters)
+    best_error = terminal_error_of(controls, task)
     rollouts = 1
-    best_begin, best_end, best_value = 0, 0, 0.0
+    best_begin, best_end, best_control = 0, 0, 0.0
+    position, velocity = task.position, task.velocity
     for begin in range(0, horizon, stride):
-        for sign in range(-1, 2):
+        for sign in SIGNS:
+            control = full_control(sign, plant)
             p, v = position, velocity
             for k in range(begin, horizon):
-                p, v = step(p, v, sign * limit, parameters)
+                p, v = step(p, v, control, plant)
                 end = k + 1
                 if end % stride != 0 and end < horizon:
                     continue
-                p_end, v_end = terminal_state(controls[end:], p, v, parameters)
+                p_end, v_end = terminal_state(controls[end:], p, v, plant)
                 rollouts += 1
-                error = math.hypot(p_end - target[0], v_end - target[1])
+                error = distance(p_end, v_end, task)
                 if error < best_error:
                     best_error = error
-                    best_begin, best_end, best_value = begin, end, sign * limit
+                    best_begin, best_end, best_control = begin, end, control
         # On to where the next window begins.
         position, velocity = terminal_state(
-            controls[begin : begin + stride], position, velocity, parameters
+            controls[begin : begin + stride], position, velocity, plant
         )
-    controls[best_begin:best_end] = best_value
+    controls[best_begin:best_end] = best_control
     return best_error, rollouts
+
+
+class Shortlist(NamedTuple):
+    """The N best sequences so far, in no order."""
+
+    errors: FloatArray
+    """(N,), infinite where there is none yet."""
+    stretches: IntArray
+    """(N, 5): the steps of the two switches, and the signs of the three stretches."""
 
 
 @compiled
 def switching_sequences(
-    position: float,
-    velocity: float,
-    target: FloatArray,
-    parameters: Parameters,
-    horizon: int,
-    stride: int,
-    num_sequences: int,
+    task: Task, horizon: int, stride: int, num_sequences: int
 ) -> tuple[FloatArray, int]:
     """Return the sequences (N, H) of three stretches that end nearest to the target, best first.
 
@@ -72,51 +84,72 @@ def switching_sequences(
     motions of a double integrator with friction are of this kind: accelerate, wait or coast, brake.
     Also returns the number of rollouts.
     """
-    limit = parameters[3]
-    errors = np.full(num_sequences, np.inf)
-    # Two switches and three signs of each sequence kept.
-    kept = np.zeros((num_sequences, 5), dtype=np.int64)
+    plant = task.plant
+    best = Shortlist(np.full(num_sequences, np.inf), np.zeros((num_sequences, 5), dtype=np.int64))
     rollouts = 0
-    for first in range(-1, 2):
-        p1, v1 = position, velocity
+    for first in SIGNS:
+        p, v = task.position, task.velocity
         for a in range(0, horizon, stride):
             if a > 0:
-                p1, v1 = _hold(p1, v1, first * limit, stride, parameters)
-            for second in range(-1, 2):
+                p, v = _hold(p, v, full_control(first, plant), stride, plant)
+            for second in SIGNS:
                 # Each sequence once: without a first stretch its sign is moot.
                 if second == first if a > 0 else first > -1:
                     continue
-                p2, v2 = p1, v1
-                for begin in range(a, horizon, stride):
-                    b = min(begin + stride, horizon)
-                    p2, v2 = _hold(p2, v2, second * limit, b - begin, parameters)
-                    for third in range(-1, 2):
-                        # Likewise without a third.
-                        if (third == second) != (b == horizon):
-                            continue
-                        p, v = _hold(p2, v2, third * limit, horizon - b, parameters)
-                        rollouts += 1
-                        error = math.hypot(p - target[0], v - target[1])
-                        worst = np.argmax(errors)
-                        if error < errors[worst]:
-                            errors[worst] = error
-                            kept[worst] = np.array([a, b, first, second, third])
-    order = np.argsort(errors)
-    found = np.count_nonzero(np.isfinite(errors))
-    sequences = np.empty((found, horizon))
-    for i in range(found):
-        a, b, first, second, third = kept[order[i]]
-        sequences[i, :a] = first * limit
-        sequences[i, a:b] = second * limit
-        sequences[i, b:] = third * limit
+                rollouts += _try_ends(best, task, p, v, a, first, second, horizon, stride)
+    order = np.argsort(best.errors)
+    count = np.count_nonzero(np.isfinite(best.errors))
+    sequences = np.empty((count, horizon))
+    for i in range(count):
+        a, b, first, second, third = best.stretches[order[i]]
+        sequences[i, :a] = full_control(first, plant)
+        sequences[i, a:b] = full_control(second, plant)
+        sequences[i, b:] = full_control(third, plant)
     return sequences, rollouts
 
 
 @compiled
+def _try_ends(
+    best: Shortlist,
+    task: Task,
+    position: float,
+    velocity: float,
+    a: int,
+    first: int,
+    second: int,
+    horizon: int,
+    stride: int,
+) -> int:
+    """Try every end of the second stretch, from its start at step `a`, and every third stretch.
+
+    Returns the number of rollouts.
+    """
+    plant = task.plant
+    rollouts = 0
+    for begin in range(a, horizon, stride):
+        b = min(begin + stride, horizon)
+        position, velocity = _hold(
+            position, velocity, full_control(second, plant), b - begin, plant
+        )
+        for third in SIGNS:
+            # Each sequence once: without a third stretch its sign is moot.
+            if (third == second) != (b == horizon):
+                continue
+            p, v = _hold(position, velocity, full_control(third, plant), horizon - b, plant)
+            rollouts += 1
+            error = distance(p, v, task)
+            worst = np.argmax(best.errors)
+            if error < best.errors[worst]:
+                best.errors[worst] = error
+                best.stretches[worst] = np.array([a, b, first, second, third])
+    return rollouts
+
+
+@compiled
 def _hold(
-    position: float, velocity: float, control: float, steps: int, parameters: Parameters
+    position: float, velocity: float, control: float, steps: int, plant: Plant
 ) -> tuple[float, float]:
     """Return the state after `steps` steps of one control."""
     for _ in range(steps):
-        position, velocity = step(position, velocity, control, parameters)
+        position, velocity = step(position, velocity, control, plant)
     return position, velocity

@@ -20,7 +20,7 @@ from app.evaluation.suites.plant_sensitivity import (
 )
 from app.evaluation.suites.random_targets import RandomTargets
 from app.planning.planner import plan
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 from app.planning.problem import Problem
 from app.planning.refining.refinement import Refinement
 from app.wire.requests import PlanRequest

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.planning.methods import ActionDiffusion
-from app.planning.plant.system import FloatArray
+from app.planning.arrays import FloatArray
 from app.planning.problem import Candidates, Cost, Problem
 
 PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]), horizon=48)

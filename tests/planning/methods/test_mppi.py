@@ -8,7 +8,8 @@ from app.planning.methods.base import Method, Scored, score
 from app.planning.methods.mppi import moving_average, path_integral_weights
 from app.planning.plan import Plan
 from app.planning.planner import plan
-from app.planning.plant.system import FloatArray, System
+from app.planning.arrays import FloatArray
+from app.planning.plant.system import System
 from app.planning.problem import Cost, Problem
 
 TASK = Problem(np.zeros(2), np.array([0.5, 0.0]))

@@ -8,7 +8,8 @@ from app.planning.methods import CEM, ICEM, MPPI, OPTIMISERS, ActionDiffusion, D
 from app.planning.methods.base import LearnedProposal, Method, Optimiser, score
 from app.planning.plan import Plan
 from app.planning.planner import plan
-from app.planning.plant.system import FloatArray, rollout
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
 from app.planning.problem import Candidates, Cost, PlanningError, Problem
 from app.planning.stop import NEVER, Stop
 

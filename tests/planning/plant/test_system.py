@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.planning.plant.system import FloatArray, System, rollout
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import System
 
 UNDAMPED = System(viscous_damping=0.0)
 """Coasting loses exactly 0.03 m/s a step: f_c * dt."""

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from app.compilation import compiled
-from app.planning.plant.system import FloatArray, Parameters, System, step
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import step
+from app.planning.plant.system import Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import reachability
 

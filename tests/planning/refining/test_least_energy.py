@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from app.planning.objectives import Objective
-from app.planning.plant.system import FloatArray, rollout
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
 from app.planning.prior import ControlPrior
 from app.planning.problem import Problem
 from app.planning.refining.refinement import Refinement, refine

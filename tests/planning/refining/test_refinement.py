@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from app.planning.metrics import control_energy, control_smoothness, terminal_error
 from app.planning.objectives import TOLERANCE, Objective, best_candidate
 from app.planning.plant.sensitivity import terminal_jacobian
-from app.planning.plant.system import FloatArray, System, rollout, step
+from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout, step
+from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
 from app.planning.problem import Problem
 from app.planning.refining.refinement import Refined, Refinement, refine

@@ -193,10 +193,17 @@ def cut_piece(piece: Piece, low: float, high: float) -> Piece:
 @compiled
 def mirrored(piece: Piece) -> Piece:
     """Return the mirror image of a piece, (-v, -y)."""
-    upper, lower = piece.lower[::-1].copy(), piece.upper[::-1].copy()
-    upper[:, 0] = -upper[:, 0]
-    lower[:, 0] = -lower[:, 0]
-    return Piece(upper, lower)
+    return Piece(_mirrored_line(piece.lower), _mirrored_line(piece.upper))
+
+
+@compiled
+def _mirrored_line(line: FloatArray) -> FloatArray:
+    """Return a line for -v."""
+    n = line.shape[0]
+    image = np.empty((n, 2))
+    for i in range(n):
+        image[i, 0], image[i, 1] = -line[n - 1 - i, 0], line[n - 1 - i, 1]
+    return image
 
 
 @compiled

@@ -114,15 +114,20 @@ def _least_within_motion(
         held_at=np.zeros(MAX_ROWS, dtype=np.int64),
         rows=np.zeros((MAX_ROWS, horizon)),
     )
-    linearise(controls, task, active.rows[:NUM_TERMINAL_ROWS])
-    num_rows = NUM_TERMINAL_ROWS
+    terminal_rows = active.rows[:NUM_TERMINAL_ROWS]
+    linearise(controls, task, terminal_rows)
+    # Not the constant, for whose type Numba would compile all that takes it once more.
+    num_rows = len(terminal_rows)
     reduced, direction, rates = np.empty(horizon), np.empty(horizon), np.empty(horizon)
     for _ in range(6 * horizon):
         if stopped[0] or num_rows < 0:
             break
         rows = active.rows[:num_rows]
         multipliers = _newton_step(controls, rows, active.frozen, differences, direction, reduced)
-        if np.abs(direction).max() <= SETTLED:
+        largest = 0.0
+        for k in range(horizon):
+            largest = max(largest, abs(direction[k]))
+        if largest <= SETTLED:
             num_rows = _release(active, reduced, multipliers, num_rows)
             continue
         free_velocity_rates(motion, direction, plant.time_step, rates)
@@ -143,7 +148,6 @@ def _least_within_motion(
     for k in range(horizon):
         if plant.lowest_control < controls[k] < plant.highest_control:
             active.frozen[k] = FREE
-    terminal_rows = active.rows[:NUM_TERMINAL_ROWS]
     _newton_step(controls, terminal_rows, active.frozen, differences, direction, reduced)
     return direction, 2
 

@@ -113,9 +113,11 @@ def refine(
     )
     if objective.sum_of_squares:
         differences = objective.sum_of_squares == "differences"
-        rollouts += _descend_equals(
-            refined, scores.errors, problem.task, differences, options.iterations, stop.flag
-        )
+        for i in np.flatnonzero(scores.errors <= scores.errors.min() + TOLERANCE):
+            scores.errors[i], spent = descend(
+                refined[i], problem.task, differences, options.iterations, stop.flag
+            )
+            rollouts += spent
     stop.check()
     return Refined(refined, errors_before, scores.errors, scores.replaced, rollouts)
 
@@ -181,25 +183,6 @@ def _repair(
     if error < errors[best]:
         errors[best], replaced[best] = error, True
     return rollouts + spent
-
-
-@compiled
-def _descend_equals(
-    controls: FloatArray,
-    errors: FloatArray,
-    task: Task,
-    differences: bool,
-    iterations: int,
-    stopped: Flag,
-) -> int:
-    """Descend the objective of the candidates that arrive as well as the best; return rollouts."""
-    rollouts = 0
-    for i in np.flatnonzero(errors <= errors.min() + TOLERANCE):
-        if stopped[0]:
-            break
-        errors[i], spent = descend(controls[i], task, differences, iterations, stopped)
-        rollouts += spent
-    return rollouts
 
 
 @compiled

@@ -54,7 +54,7 @@ def serve(context: typer.Context) -> None:
 def _service(settings: Settings) -> "FastAPI":
     """Return the service; if a model of its store or an API key is not in order, exit saying so."""
     from app.api.keys import KeysRejected
-    from app.inference.model_store import ModelRejected, find_versions, verify
+    from app.inference.verification import ModelRejected, find_versions, verify
     from app.main import create_app
 
     try:
@@ -95,7 +95,7 @@ def plan(
 ) -> None:
     """Make one plan in this process, without a server, and print its measures."""
     from app.inference.engine import Engine
-    from app.inference.model_store import ModelRejected
+    from app.inference.verification import ModelRejected
     from app.serving.rates import Rates
     from app.serving.refusals import InvalidField
     from app.serving.runtime import available_cores, load_models
@@ -240,7 +240,8 @@ def _method(text: str) -> str | dict[str, Any]:
 def bench() -> None:
     """Measure the network, sampling, planning and the service, side by side in one run."""
     from app.benchmark.run import run
-    from app.inference.model_store import ModelRejected, UnfitModel
+    from app.inference.model_store import UnfitModel
+    from app.inference.verification import ModelRejected
     from app.serving.runtime import available_cores
 
     try:
@@ -253,7 +254,7 @@ def bench() -> None:
 @app.command()
 def models() -> None:
     """List the models of the store, each checked against its manifest."""
-    from app.inference.model_store import ModelRejected, find_versions, verify
+    from app.inference.verification import ModelRejected, find_versions, verify
 
     store = _settings([]).model_store
     table = Table(

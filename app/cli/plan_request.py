@@ -69,7 +69,7 @@ def source(pointer: str, options: Mapping[str, Any]) -> str:
 def _read_body(file: BinaryIO) -> dict[str, Any]:
     try:
         body = json.load(file)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise Failure(f"--request: not JSON: {error}") from None
     if not isinstance(body, dict):
         raise Failure("--request: must be a JSON object")

@@ -120,7 +120,7 @@ def test_each_field_at_fault_has_a_line() -> None:
     assert [line.split(":")[0] for line in lines] == ["--seed", "/horizon"]
 
 
-@pytest.mark.parametrize("content", [b"{", b"", b"\xff\xfe\xfd"])
+@pytest.mark.parametrize("content", [b"{", b"", b"\xff\xfe\xfd", 10_000 * b"["])
 def test_a_file_that_is_not_json_is_said(content: bytes) -> None:
     with pytest.raises(Failure, match="--request: not JSON"):
         read_request(io.BytesIO(content), {})

@@ -76,7 +76,8 @@ def _option(name: str, field: "FieldInfo") -> click.Option:
         multiple=is_list,
         callback=_join if is_list else None,
         metavar=_metavar(kind),
-        help=(field.description or "") + (f"  [default: {default}]" if default else ""),
+        help=(field.description or "")
+        + (f"  [default: {default}]" if default not in (None, "") else ""),
     )
 
 

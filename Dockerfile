@@ -27,7 +27,7 @@ ENV PATH=/opt/venv/bin:${PATH} BREAKAWAY_HOST=0.0.0.0
 USER 10001:10001
 WORKDIR /home/breakaway
 # Kernels for this CPU, for a faster start; on another one they are compiled at the first start.
-RUN breakaway plan --to 0.2 0
+RUN breakaway plan --target-state 0.2 0
 EXPOSE 8000
 # Not urllib.request: it would ask a proxy where the environment names one.
 HEALTHCHECK --interval=10s --timeout=5s --start-period=60s \

@@ -1,5 +1,5 @@
 """`python -m app` is the `breakaway` command."""
 
-from app.cli import app
+from app.cli import breakaway
 
-app(prog_name="breakaway")
+breakaway(prog_name="breakaway")

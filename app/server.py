@@ -16,7 +16,7 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from app.inference.model_store import ModelRejected
+from app.inference.verification import ModelRejected
 from app.serving.refusals import NotReady
 from app.serving.runtime import Runtime
 from app.settings import Settings

@@ -1,4 +1,7 @@
-"""The service's settings: every flag of `breakaway serve` has a BREAKAWAY_* twin."""
+"""The service's settings, each from a BREAKAWAY_* variable or an option of `breakaway serve`.
+
+Their descriptions are the command's help; the options themselves are in settings_options.py.
+"""
 
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -28,22 +31,15 @@ Listed = Annotated[
         )
     ),
 ]
-"""Separated by commas in the environment; as a flag, it may also be repeated."""
+"""In text, separated by commas."""
 Origin = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9+.-]*://[^/*\s]+$")]
 PublicPath = Annotated[str, StringConstraints(pattern=r"^/")]
 
 
 class Settings(BaseSettings):
-    """Serve plans over HTTP."""
+    """Address, limits and keys of a service."""
 
-    model_config = SettingsConfigDict(
-        env_prefix="BREAKAWAY_",
-        cli_prog_name="breakaway serve",
-        cli_kebab_case=True,
-        cli_avoid_json=True,
-        cli_hide_none_type=True,
-        cli_implicit_flags=True,
-    )
+    model_config = SettingsConfigDict(env_prefix="BREAKAWAY_")
 
     host: str = Field("127.0.0.1", description="Address to listen on.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 takes a free one.")

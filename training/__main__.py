@@ -5,11 +5,10 @@ import os
 import sys
 import tomllib
 from pathlib import Path
-from typing import Annotated
 
+import click
 import matplotlib
 import torch
-import typer
 from pydantic import ValidationError
 from tqdm.contrib.logging import logging_redirect_tqdm
 
@@ -22,25 +21,27 @@ INTERRUPTED = 130
 log = logging.getLogger("training")
 
 
-def main(
-    config: Annotated[
-        Path,
-        typer.Option(
-            help="TOML file with a name, and what differs from the default configuration.",
-            dir_okay=False,
-        ),
-    ] = DEFAULT_CONFIG,
-    model_store: Annotated[
-        Path, typer.Option(help="Where the finished model is published.", file_okay=False)
-    ] = Path("model_store"),
-    run_directory: Annotated[
-        Path | None,
-        typer.Option(
-            help="Where the run keeps its state. [default: .training/NAME-VERSION]",
-            file_okay=False,
-        ),
-    ] = None,
-) -> None:
+@click.command()
+@click.option(
+    "--config",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=DEFAULT_CONFIG,
+    show_default=True,
+    help="TOML file with a name, and what differs from the default configuration.",
+)
+@click.option(
+    "--model-store",
+    type=click.Path(file_okay=False, path_type=Path),
+    default="model_store",
+    show_default=True,
+    help="Where the finished model is published.",
+)
+@click.option(
+    "--run-directory",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Where the run keeps its state.  [default: .training/NAME-VERSION]",
+)
+def main(config: Path, model_store: Path, run_directory: Path | None) -> None:
     """Train a model and publish it; started again, an interrupted run goes on where it was."""
     try:
         settings = TrainingConfig.read(config)
@@ -84,4 +85,4 @@ def _log_to(run_directory: Path) -> Path:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    main()

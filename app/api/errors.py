@@ -1,9 +1,7 @@
 """Errors as RFC 9457 problem+json: what can go wrong, and how each is told to the client."""
 
-import math
 from collections.abc import Callable
 from http import HTTPStatus
-from typing import Any
 
 from asgi_correlation_id import correlation_id
 from fastapi import FastAPI, Request
@@ -17,6 +15,7 @@ from app.planning.problem import PlanningError
 from app.serving.admission import Refused
 from app.serving.refusals import InvalidField, NotReady
 from app.serving.workers import ClientGone, DeadlineExceeded, ShuttingDown
+from app.wire.field_errors import field_errors
 from app.wire.problems import FieldError, ProblemDetails
 
 MEDIA_TYPE = "application/problem+json"
@@ -148,51 +147,5 @@ async def _invalid_request(request: Request, error: Exception) -> Response:
     if isinstance(error.body, bytes):
         detail = "the body must be JSON, sent with Content-Type: application/json"
         return problem_response(request, 422, detail, slug="invalid-request")
-    return field_problem(
-        request,
-        [
-            FieldError(
-                pointer=_pointer(item["loc"][1:], error.body, item["type"] == "missing"),
-                detail=_detail(item),
-            )
-            for item in errors
-        ],
-    )
-
-
-def _pointer(location: tuple[int | str, ...], body: Any, is_missing: bool) -> str:
-    """Return the JSON pointer (RFC 6901) of a validation error's location within `body`.
-
-    Pydantic puts the tag of a union's member among the keys; a tag is a key that the body lacks,
-    as it lacks a missing field, which stands last.
-    """
-    pointer, value = "", body
-    for index, key in enumerate(location):
-        is_field = is_missing and index == len(location) - 1
-        if isinstance(value, dict):
-            if key not in value and not is_field:
-                continue
-            value = value.get(key)
-        elif isinstance(value, list) and isinstance(key, int) and key < len(value):
-            value = value[key]
-        elif not isinstance(value, list):
-            continue
-        pointer += "/" + str(key).replace("~", "~0").replace("/", "~1")
-    return pointer
-
-
-def _detail(item: dict[str, Any]) -> str:
-    """Return what is wrong with one field; a number that is not finite is called by its name."""
-    value = item.get("input")
-    if isinstance(value, float) and not math.isfinite(value):
-        name = "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-        return f"{name} is not a finite number"
-    match item["type"]:
-        case "union_tag_invalid":
-            context = item["ctx"]
-            return f"no method {context['tag']!r}; there are: {context['expected_tags']}"
-        case "union_tag_not_found":
-            return "the method's name is missing"
-        case "model_attributes_type":
-            return "must be an object"
-    return str(item["msg"]).removeprefix("Value error, ")
+    within_body = [item | {"loc": item["loc"][1:]} for item in errors]
+    return field_problem(request, field_errors(within_body, error.body))

@@ -14,7 +14,8 @@ from llvmlite.binding import get_host_cpu_name
 
 from app.api.errors import MEDIA_TYPE
 from app.inference.device import LIBRARY_VERSION, choose_device
-from app.inference.model_store import Model, ModelRejected
+from app.inference.model_store import Model
+from app.inference.verification import ModelRejected
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.serving.runtime import Runtime, available_cores

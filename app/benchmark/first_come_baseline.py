@@ -1,14 +1,17 @@
 """The service with an engine that serves samplings one after the other, to compare ours with.
 
-`python -m app.benchmark.first_come_baseline` takes the flags of `breakaway serve`.
+`python -m app.benchmark.first_come_baseline` takes the options of `breakaway serve`.
 """
 
 from collections.abc import Sequence
+
+import click
 
 from app.inference.sampling import Sampling
 from app.main import create_app
 from app.server import Server
 from app.settings import Settings
+from app.settings_options import SettingsCommand
 
 
 def first_come_first_served(
@@ -21,6 +24,11 @@ def first_come_first_served(
     return {oldest: min(oldest.rows_waiting, budget)}
 
 
-if __name__ == "__main__":
-    settings = Settings(_cli_parse_args=True)
+@click.command(cls=SettingsCommand)
+def serve(settings: Settings) -> None:
+    """Serve plans over HTTP, whose samplings take turns in the order in which they came."""
     Server(create_app(settings, first_come_first_served), settings).run()
+
+
+if __name__ == "__main__":
+    serve()

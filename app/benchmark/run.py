@@ -14,7 +14,8 @@ from app.benchmark.sampling import sampling
 from app.benchmark.service import service
 from app.inference.engine import Engine
 from app.inference.job import Job
-from app.inference.model_store import read_torchscript, verify
+from app.inference.model_store import read_torchscript
+from app.inference.verification import verify
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON
 from app.planning.warm_up import warm_up

@@ -1,12 +1,10 @@
-"""The model store: finding, verifying and loading checkpoints.
+"""The model store: loading verified checkpoints, and finding the model that a request needs.
 
-A store is `<name>/<version>/unet.pt` + `manifest.json`. All that knows of TorchScript is here.
+All that knows of TorchScript is here.
 """
 
-import hashlib
 import io
 import logging
-import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,22 +13,18 @@ from typing import Self
 
 import numpy as np
 import torch
-from pydantic import ValidationError
 
-from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
+from app.inference.manifest import Manifest
 from app.inference.networks.base import CONDITION_SIZE, Network
 from app.inference.networks.compiled import UnsuitableNetwork, derive
 from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.pace import Pace, measure_pace
 from app.inference.row_threads import RowThreads
+from app.inference.verification import ModelRejected, find_versions, verify
 from app.planning.plant.system import System
 from app.planning.problem import Problem
 
 log = logging.getLogger(__name__)
-
-
-class ModelRejected(Exception):
-    """A checkpoint or its manifest is missing, damaged or not what its manifest says."""
 
 
 class UnknownModel(LookupError):
@@ -119,46 +113,6 @@ class ModelStore:
 
     def _labels(self) -> str:
         return ", ".join(model.label for model in self.models) or "none"
-
-
-def find_versions(directory: Path) -> list[Path]:
-    """Return the version folders of a store: every `<name>/<number>` with a manifest.
-
-    Raises:
-        ModelRejected: the store is not a directory.
-    """
-    if not directory.is_dir():
-        raise ModelRejected(f"the model store {directory} is not a directory")
-    return sorted(
-        manifest.parent
-        for manifest in directory.glob(f"*/*/{MANIFEST_FILE}")
-        if re.fullmatch(r"[1-9][0-9]*", manifest.parent.name)
-    )
-
-
-def verify(directory: Path) -> tuple[Manifest, bytes]:
-    """Read a version folder; return its manifest and the checkpoint's bytes, unexecuted.
-
-    The bytes that were hashed are the bytes to load: TorchScript is executable code.
-
-    Raises:
-        ModelRejected: a file cannot be read, the manifest is invalid or names another model, or
-            the checkpoint's sha256 is not the manifest's.
-    """
-    try:
-        manifest = Manifest.read(directory / MANIFEST_FILE)
-        checkpoint = (directory / CHECKPOINT_FILE).read_bytes()
-    except (OSError, ValidationError) as error:
-        raise ModelRejected(f"{directory}: {error}") from error
-    if (manifest.name, str(manifest.version)) != (directory.parent.name, directory.name):
-        raise ModelRejected(f"{directory}: the manifest is of {manifest.name}/{manifest.version}")
-    digest = hashlib.sha256(checkpoint).hexdigest()
-    if digest != manifest.sha256:
-        raise ModelRejected(
-            f"{directory / CHECKPOINT_FILE}: sha256 is {digest}, the manifest says "
-            f"{manifest.sha256}; the file was changed or damaged, and was not loaded"
-        )
-    return manifest, checkpoint
 
 
 def read_torchscript(checkpoint: bytes, device: torch.device) -> torch.jit.ScriptModule:

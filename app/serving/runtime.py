@@ -11,8 +11,9 @@ import loky
 
 from app.inference.device import choose_device
 from app.inference.engine import Engine, Tick, Watch
-from app.inference.model_store import Model, ModelRejected, ModelStore
+from app.inference.model_store import Model, ModelStore
 from app.inference.shares import Share
+from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.serving.admission import Admission, Pending

@@ -11,7 +11,8 @@ import torch
 from app.benchmark.paper_sampler import PaperUNet, sample
 from app.inference.engine import Engine
 from app.inference.job import Job
-from app.inference.model_store import ModelStore, verify
+from app.inference.model_store import ModelStore
+from app.inference.verification import verify
 from app.planning.methods import ActionDiffusion
 from app.planning.problem import Problem
 

@@ -10,18 +10,11 @@ import torch
 from torch import Tensor
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
-from app.inference.model_store import (
-    Model,
-    ModelRejected,
-    ModelStore,
-    UnfitModel,
-    UnknownModel,
-    find_versions,
-    verify,
-)
+from app.inference.model_store import Model, ModelStore, UnfitModel, UnknownModel
 from app.inference.networks.compiled import CompiledNetwork
 from app.inference.pace import SIZES
 from app.inference.row_threads import RowThreads
+from app.inference.verification import ModelRejected, find_versions, verify
 from app.planning.plant.system import System
 from app.settings import SHIPPED_MODELS
 from training.config import NetworkConfig

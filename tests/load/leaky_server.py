@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from app.cli import app
+from app.cli import breakaway
 from app.serving import service
 
 
@@ -20,4 +20,4 @@ def keeping_all(plan: Callable[..., Any]) -> Callable[..., Any]:
 if __name__ == "__main__":
     for name in ("plan", "plan_multistep"):
         setattr(service, name, keeping_all(getattr(service, name)))
-    app()
+    breakaway()

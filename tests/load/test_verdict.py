@@ -1,9 +1,9 @@
 import math
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
-from tests.load.__main__ import app
+from tests.load.__main__ import load
 from tests.load.client import Metrics
 from tests.load.verdict import Verdict, percentile
 from tests.served import free_port
@@ -43,6 +43,6 @@ def test_metrics_are_summed_by_label() -> None:
 
 def test_a_missing_service_is_said() -> None:
     url = f"http://127.0.0.1:{free_port()}"
-    done = CliRunner().invoke(app, ["overload", "--url", url])
+    done = CliRunner().invoke(load, ["overload", "--url", url])
     assert done.exit_code == 2
     assert "no service is ready" in done.output

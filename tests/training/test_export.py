@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
-from app.inference.model_store import ModelStore, find_versions
+from app.inference.model_store import ModelStore
 from app.inference.row_threads import RowThreads
+from app.inference.verification import find_versions
 from training.config import TrainingConfig
 from training.export import export, version_directory
 from training.trainer import Trainer

@@ -1,0 +1,25 @@
+"""The `breakaway` command: a file for each thing that it does.
+
+A command imports what it needs when it runs, so that help and small commands are quick.
+"""
+
+import click
+
+from app.cli import bench, evaluate, models, plan, serve
+
+
+class OrderedGroup(click.Group):
+    """A group whose help lists the commands as they were added, not by the alphabet."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        return list(self.commands)
+
+
+@click.group(cls=OrderedGroup)
+@click.version_option(package_name="breakaway", message="%(prog)s %(version)s")
+def breakaway() -> None:
+    """Plan open-loop control through dry friction and stiction."""
+
+
+for command in (serve.serve, plan.plan, evaluate.evaluate, models.models, bench.bench):
+    breakaway.add_command(command)

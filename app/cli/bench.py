@@ -1,0 +1,25 @@
+"""`breakaway bench`: how fast everything is on this machine."""
+
+import click
+
+from app.failure import Failure
+from app.settings_options import read_settings
+
+
+@click.command()
+def bench() -> None:
+    """Measure network, sampling, planning and service side by side.
+
+    The model is that of the nominal plant in the store that is shipped, or in
+    BREAKAWAY_MODEL_STORE; the output is Markdown.
+    """
+    from app.benchmark.run import run
+    from app.inference.model_store import UnfitModel
+    from app.inference.verification import ModelRejected
+    from app.serving.runtime import available_cores
+
+    try:
+        for line in run(read_settings().model_store, available_cores()):
+            click.echo(line)
+    except (ModelRejected, UnfitModel) as error:
+        raise Failure(str(error)) from None

@@ -1,0 +1,192 @@
+"""`breakaway plan`: one plan in this process, without a server."""
+
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+
+from app.failure import Failure
+from app.settings_options import read_settings
+
+if TYPE_CHECKING:
+    from app.wire.answers import MultistepPlanResponse, PlanResponse
+    from app.wire.requests import MultistepPlanRequest, PlanRequest
+
+STANDARD_OUTPUT = Path("-")
+LOADING = "loading models; the first time, kernels are compiled for a minute or two"
+
+
+@click.command()
+@click.option(
+    "--request",
+    "request_file",
+    type=click.File("rb"),
+    help="JSON as for POST /plan, or with targets for POST /plan_multistep; - is standard input.",
+)
+@click.option(
+    "--initial-state",
+    type=float,
+    nargs=2,
+    metavar="P V",
+    help="Position (m) and velocity (m/s) at the start.  [default: 0 0]",
+)
+@click.option(
+    "--target-state",
+    type=float,
+    nargs=2,
+    metavar="P V",
+    help="Position (m) and velocity (m/s) to reach.",
+)
+@click.option(
+    "--method",
+    metavar="NAME|JSON",
+    help="A method's name, such as cem, or an object with its name and options.  "
+    "[default: action_diffusion]",
+)
+@click.option(
+    "--num-candidates",
+    type=int,
+    help="K: candidates that are rolled out and ranked.  [default: 16]",
+)
+@click.option("--seed", type=int, help="Decides every random draw.")
+@click.option(
+    "--model",
+    metavar="NAME",
+    help="A model's name, or name/version.  [default: the one that fits the plant]",
+)
+@click.option(
+    "--refine",
+    is_flag=True,
+    default=None,
+    help="Descend from the candidates to a plan that arrives.",
+)
+@click.option(
+    "--objective",
+    metavar="NAME",
+    help="What ranks plans that arrive equally well, such as control_energy.  "
+    "[default: terminal_error]",
+)
+@click.option(
+    "--json",
+    "json_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the answer as the service sends it; - is standard output.",
+)
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw a plan to one target (.png, .pdf, .svg).",
+)
+def plan(
+    request_file: BinaryIO | None, json_file: Path | None, picture: Path | None, **fields: Any
+) -> None:
+    """Make one plan, without a server, and print its measures.
+
+    What to plan is said by a file (--request), by options with the names of its fields, or by
+    both: an option overrides what the file says, and --target-state its targets, too.
+
+    \b
+    breakaway plan --target-state 0.2 0 --refine
+    breakaway plan --request request.json --seed 7 --json plan.json
+    """
+    from rich.console import Console
+
+    from app.cli.plan_request import read_request
+    from app.cli.plan_table import print_plan
+
+    options = {name: value for name, value in fields.items() if value is not None}
+    request = read_request(request_file, options)
+    if json_file and json_file != STANDARD_OUTPUT:
+        _check_writable("--json", json_file)
+    if picture:
+        from app.cli.plan_picture import check_picture, write_picture
+
+        check_picture(request, picture)
+        _check_writable("--picture", picture)
+    answer = _make_plan(request, options, with_candidates=picture is not None)
+    print_plan(Console(stderr=json_file == STANDARD_OUTPUT), request, answer)
+    if json_file:
+        _write_json(request, answer, json_file)
+    if picture:
+        write_picture(request, answer, picture)
+
+
+def _make_plan(
+    request: "PlanRequest | MultistepPlanRequest",
+    options: Mapping[str, Any],
+    with_candidates: bool,
+) -> "PlanResponse | MultistepPlanResponse":
+    """Plan as the service does, with its settings and models.
+
+    Args:
+        request: what to plan.
+        options: those of its fields that were given as options, for the names in errors.
+        with_candidates: whether the answer has candidates where the request does not ask for them.
+
+    Raises:
+        Failure: the models are not in order, or refuse the request; or planning failed.
+    """
+    from rich.console import Console
+
+    from app.cli.plan_request import source
+    from app.inference.engine import Engine
+    from app.inference.model_store import UnfitModel, UnknownModel
+    from app.inference.solvers import InvalidStepCount
+    from app.inference.verification import ModelRejected
+    from app.planning.problem import PlanningError
+    from app.serving.rates import Rates
+    from app.serving.refusals import InvalidField
+    from app.serving.runtime import available_cores, load_models
+    from app.serving.service import PlanningService
+    from app.wire.requests import MultistepPlanRequest
+
+    if with_candidates:
+        request = request.model_copy(update={"include": [*request.include, "candidates"]})
+    settings = read_settings()
+    try:
+        with closing(Engine(available_cores())) as engine:
+            with Console(stderr=True).status(LOADING):
+                models = load_models(settings, engine)
+            service = PlanningService(settings, models, engine, Rates())
+            if isinstance(request, MultistepPlanRequest):
+                return service.plan_multistep(service.resolve(request))
+            return service.plan(service.resolve(request))
+    except InvalidField as error:
+        raise Failure(f"{source(error.pointer, options)}: {error}") from None
+    except UnknownModel as error:
+        raise Failure(f"{source('/model', options)}: {error}") from None
+    except UnfitModel as error:
+        raise Failure(f"{source('/system', options)}: {error}") from None
+    except InvalidStepCount as error:
+        raise Failure(f"{source('/method/steps', options)}: {error}") from None
+    except (ModelRejected, PlanningError) as error:
+        raise Failure(str(error)) from None
+
+
+def _check_writable(option: str, file: Path) -> None:
+    """Find out before the plan is made, and not after it, that it has no place to go."""
+    is_new = not file.exists()
+    try:
+        file.open("ab").close()
+    except OSError as error:
+        raise Failure(f"{option}: {file}: {error.strerror}") from None
+    if is_new:
+        file.unlink()
+
+
+def _write_json(
+    request: "PlanRequest | MultistepPlanRequest",
+    answer: "PlanResponse | MultistepPlanResponse",
+    file: Path,
+) -> None:
+    not_asked_for = {"candidates"} - set(request.include)
+    text = answer.model_dump_json(exclude_none=True, exclude=not_asked_for, indent=1)
+    try:
+        with click.open_file(str(file), "w", encoding="utf-8") as stream:
+            stream.write(text + "\n")
+    except OSError as error:
+        raise Failure(f"--json: {file}: {error.strerror}") from None

@@ -1,0 +1,86 @@
+"""The request of `breakaway plan`: what a file says, and options that override it."""
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+
+from app.failure import Failure
+
+if TYPE_CHECKING:
+    from app.wire.requests import MultistepPlanRequest, PlanRequest
+
+AT_REST = (0.0, 0.0)
+
+
+def read_request(
+    file: BinaryIO | None, options: Mapping[str, Any]
+) -> "PlanRequest | MultistepPlanRequest":
+    """Return the request of a file and options, multi-step where it has targets.
+
+    Args:
+        file: JSON of a request, or of a part of one; None where the options are all there is.
+        options: fields of the request that were given as options, by name.
+
+    Raises:
+        Failure: a part of it is not JSON, or a field is not valid.
+        click.UsageError: there is neither a file nor a target.
+    """
+    from pydantic import ValidationError
+
+    from app.wire.field_errors import field_errors
+    from app.wire.requests import MultistepPlanRequest, PlanRequest
+
+    if file is None and "target_state" not in options:
+        raise click.UsageError("A plan needs a --target-state, or a --request that has a target.")
+    body = {"initial_state": AT_REST} | (_read_body(file) if file else {})
+    if "target_state" in options:
+        body.pop("targets", None)
+    body |= options
+    if "method" in options:
+        body["method"] = _method(options["method"])
+    try:
+        if "targets" in body:
+            return MultistepPlanRequest.model_validate(body)
+        return PlanRequest.model_validate(body)
+    except ValidationError as error:
+        faults = [
+            f"{source(fault.pointer, options)}: {fault.detail}"
+            for fault in field_errors(error.errors(), body)
+        ]
+        raise Failure("\n".join(faults)) from None
+
+
+def source(pointer: str, options: Mapping[str, Any]) -> str:
+    """Return the name of what gave a field its value: an option, or a JSON pointer into the file.
+
+    Args:
+        pointer: to the field, or to a part of it; a part of an option's value stays a pointer.
+        options: fields that were given as options, by name.
+    """
+    field, _, rest = pointer.removeprefix("/").partition("/")
+    if field not in options:
+        return pointer or "--request"
+    option = "--" + field.replace("_", "-")
+    return f"{option} /{rest}" if rest else option
+
+
+def _read_body(file: BinaryIO) -> dict[str, Any]:
+    try:
+        body = json.load(file)
+    except (ValueError, RecursionError) as error:
+        raise Failure(f"--request: not JSON: {error}") from None
+    if not isinstance(body, dict):
+        raise Failure("--request: must be a JSON object")
+    return body
+
+
+def _method(text: str) -> Any:
+    """Return a method as requests have it: its name, or an object with its name and options."""
+    if not text.startswith("{"):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise Failure(f"--method: neither a name nor a JSON object: {error}") from None

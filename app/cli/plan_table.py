@@ -1,0 +1,90 @@
+"""What `breakaway plan` prints: the measures of a plan; of several targets, a row for each."""
+
+from typing import NamedTuple
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from app.wire.answers import CostReport, MultistepPlanResponse, PlanResponse, Segment, TimingReport
+from app.wire.requests import MultistepPlanRequest, PlanRequest
+
+
+class Measure(NamedTuple):
+    """A number that is shown, and its unit."""
+
+    name: str
+    text: str
+    unit: str = ""
+
+
+def print_plan(
+    console: Console,
+    request: PlanRequest | MultistepPlanRequest,
+    answer: PlanResponse | MultistepPlanResponse,
+) -> None:
+    """Print what a plan is worth and what it took; what the answer does not say is left out."""
+    model = f" with {answer.model.name}/{answer.model.version}" if answer.model else ""
+    console.print(f"{answer.method}{model}, seed {answer.seed}\n", style="bold", highlight=False)
+    if isinstance(request, MultistepPlanRequest):
+        assert isinstance(answer, MultistepPlanResponse)
+        console.print(_by_segment(request, answer), "")
+        measures = _over_all_segments(answer)
+    else:
+        assert isinstance(answer, PlanResponse)
+        measures = _measures(answer)
+        if answer.refinement is not None:
+            measures.append(Measure("error unrefined", f"{answer.refinement.error_before:.6f}"))
+    table = _new_table(show_header=False)
+    for measure in [*measures, *_expense(answer.cost, answer.timing_ms)]:
+        table.add_row(measure.name, f"{measure.text} {measure.unit}".rstrip())
+    console.print(table)
+
+
+def _by_segment(request: MultistepPlanRequest, answer: MultistepPlanResponse) -> Table:
+    table = _new_table(show_header=True)
+    table.add_column("target\n(m, m/s)", vertical="bottom", no_wrap=True)
+    for measure in _measures(answer.segments[0]):
+        heading = "\n".join([*measure.name.split(), measure.unit])
+        table.add_column(heading, justify="right", vertical="bottom")
+    for target, segment in zip(request.targets, answer.segments, strict=True):
+        texts = [measure.text for measure in _measures(segment)]
+        table.add_row("{:g}, {:g}".format(*target), *texts)
+    return table
+
+
+def _new_table(show_header: bool) -> Table:
+    """Return a table so narrow that all measures of a segment have room in 80 columns."""
+    return Table(box=SIMPLE, show_edge=False, padding=(0, 1, 0, 0), show_header=show_header)
+
+
+def _measures(segment: Segment) -> list[Measure]:
+    measures = [Measure("terminal error", f"{segment.terminal_error:.6f}")]
+    if segment.reachability is not None:
+        measures.append(Measure("floor", f"{segment.reachability.floor:.6f}"))
+    if segment.gap is not None:
+        measures.append(Measure("gap", f"{segment.gap:.1e}"))
+    return [
+        *measures,
+        Measure("control energy", f"{segment.control_energy:.3f}", "(m/s²)²"),
+        Measure("control smoothness", f"{segment.control_smoothness:.3f}", "(m/s²)²"),
+        Measure("stuck steps", f"{segment.stuck_steps}"),
+    ]
+
+
+def _over_all_segments(answer: MultistepPlanResponse) -> list[Measure]:
+    measures = [
+        Measure("final error", f"{answer.final_error:.6f}"),
+        Measure("mean end error", f"{answer.mean_end_error:.6f}"),
+    ]
+    if answer.mean_end_floor is not None:
+        measures.append(Measure("mean end floor", f"{answer.mean_end_floor:.6f}"))
+    return [*measures, Measure("stuck steps", f"{answer.stuck_steps}")]
+
+
+def _expense(cost: CostReport, timing: TimingReport) -> list[Measure]:
+    return [
+        Measure("network evaluations", f"{cost.network_evaluations}"),
+        Measure("rollouts", f"{cost.rollouts}"),
+        Measure("time", f"{timing.total:.2f}", "ms"),
+    ]

@@ -1,0 +1,51 @@
+"""`breakaway serve`: the service over HTTP."""
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import click
+
+from app.failure import Failure
+from app.settings_options import SettingsCommand
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+    from app.settings import Settings
+
+
+@click.command(
+    cls=SettingsCommand,
+    epilog="Each option can be set in the environment, too: --max-pending is "
+    "BREAKAWAY_MAX_PENDING. Lists are separated by commas, or the option is repeated.",
+)
+def serve(settings: "Settings") -> None:
+    """Serve plans over HTTP."""
+    from app.memory import use_few_arenas
+
+    use_few_arenas()
+    service = create_service(settings)
+    from app.logs import log_as_json
+    from app.server import Server
+
+    log_as_json(settings.log_level)
+    with suppress(KeyboardInterrupt):
+        Server(service, settings).run()
+
+
+def create_service(settings: "Settings") -> "FastAPI":
+    """Return the service, once the files of its models are verified.
+
+    Raises:
+        Failure: a model of its store or an API key is not in order.
+    """
+    from app.api.keys import KeysRejected
+    from app.inference.verification import ModelRejected, find_versions, verify
+    from app.main import create_app
+
+    try:
+        for directory in find_versions(settings.model_store):
+            verify(directory)
+        return create_app(settings)
+    except (ModelRejected, KeysRejected) as error:
+        raise Failure(f"cannot serve: {error}") from None

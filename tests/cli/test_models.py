@@ -1,0 +1,25 @@
+"""The list of models."""
+
+from pathlib import Path
+
+from app.settings import SHIPPED_MODELS
+from tests.cli.command import invoke, run
+
+
+def test_it_lists_the_shipped_models_from_any_directory(tmp_path: Path) -> None:
+    done = run("models", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for manifest in SHIPPED_MODELS.glob("*/*/manifest.json"):
+        assert manifest.parent.parent.name in done.stdout
+
+
+def test_a_tampered_model_is_named(tampered_store: Path) -> None:
+    done = invoke("models", BREAKAWAY_MODEL_STORE=str(tampered_store))
+    assert done.exit_code == 1
+    assert "tiny/1/unet.pt: sha256" in done.stderr
+
+
+def test_a_missing_store_is_said() -> None:
+    done = invoke("models", BREAKAWAY_MODEL_STORE="nowhere")
+    assert done.exit_code == 1
+    assert done.stderr == "the model store nowhere is not a directory\n"

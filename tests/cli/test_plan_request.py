@@ -1,0 +1,131 @@
+"""What a file and options come to as a request, and who is at fault where it is none."""
+
+import io
+import json
+from typing import Any
+
+import click
+import pytest
+
+from app.cli.plan_request import read_request
+from app.failure import Failure
+from app.wire.requests import MultistepPlanRequest, PlanRequest
+
+WHOLE = {
+    "initial_state": [0.1, -0.2],
+    "target_state": [0.2, 0.0],
+    "method": {"name": "cem", "iterations": 7},
+    "num_candidates": 32,
+    "seed": 5,
+    "system": {"static_friction": 0.8, "control_limit": 1.2},
+    "horizon": 48,
+    "model": "tiny",
+    "initial": {"method": "uniform"},
+    "refine": {"iterations": 3},
+    "objective": "control_energy",
+    "deadline_ms": 1000,
+    "include": ["candidates"],
+}
+SEVERAL = WHOLE | {"targets": [[0.4, 0.0], [-0.4, 0.0]]}
+del SEVERAL["target_state"]
+
+
+def read(body: Any = None, **options: Any) -> PlanRequest | MultistepPlanRequest:
+    return read_request(io.BytesIO(json.dumps(body).encode()) if body else None, options)
+
+
+def refusal(body: Any = None, **options: Any) -> list[str]:
+    with pytest.raises(Failure) as refused:
+        read(body, **options)
+    return refused.value.message.splitlines()
+
+
+def test_a_file_is_a_whole_request() -> None:
+    assert read(WHOLE) == PlanRequest.model_validate(WHOLE)
+
+
+def test_a_file_with_targets_is_a_multistep_request() -> None:
+    assert read(SEVERAL) == MultistepPlanRequest.model_validate(SEVERAL)
+
+
+def test_options_alone_are_a_request_from_rest() -> None:
+    assert read(target_state=(0.2, 0.0)) == PlanRequest(
+        initial_state=(0.0, 0.0), target_state=(0.2, 0.0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("initial_state", (0.0, 0.0)),
+        ("target_state", (0.3, 0.1)),
+        ("method", "mppi"),
+        ("num_candidates", 4),
+        ("seed", 6),
+        ("model", "other/2"),
+        ("refine", True),
+        ("objective", "stuck_steps"),
+    ],
+)
+def test_an_option_overrides_what_the_file_says(option: str, value: Any) -> None:
+    assert read(WHOLE, **{option: value}) == PlanRequest.model_validate(WHOLE | {option: value})
+
+
+def test_a_method_may_be_an_object() -> None:
+    method = {"name": "cem", "iterations": 3}
+    assert read(target_state=(0.2, 0.0), method=json.dumps(method)) == PlanRequest.model_validate(
+        {"initial_state": (0.0, 0.0), "target_state": (0.2, 0.0), "method": method}
+    )
+
+
+def test_a_target_overrides_the_targets_of_the_file() -> None:
+    request = read(SEVERAL, target_state=(0.2, 0.0))
+    assert request == PlanRequest.model_validate(WHOLE)
+
+
+def test_options_other_than_the_target_keep_the_targets_of_the_file() -> None:
+    request = read(SEVERAL, seed=6)
+    assert request == MultistepPlanRequest.model_validate(SEVERAL | {"seed": 6})
+
+
+@pytest.mark.parametrize(
+    ("body", "options", "fault"),
+    [
+        (WHOLE | {"num_candidates": 0}, {}, "/num_candidates: "),
+        (WHOLE, {"num_candidates": 0}, "--num-candidates: "),
+        (WHOLE | {"system": {"time_step": 0}}, {"seed": 1}, "/system/time_step: "),
+        (WHOLE | {"mass": 1}, {}, "/mass: "),
+        (SEVERAL | {"target_state": [0, 0]}, {}, "/target_state: "),
+        (SEVERAL | {"targets": []}, {}, "/targets: "),
+        ({"seed": 1}, {}, "/target_state: Field required"),
+        (WHOLE, {"target_state": (float("nan"), 0.0)}, "--target-state: NaN is not a finite"),
+        (WHOLE, {"initial_state": (0.0, float("inf"))}, "--initial-state: Infinity is not a"),
+        (WHOLE, {"method": "annealing"}, "--method: no method 'annealing'; there are: 'action"),
+        (WHOLE, {"method": '{"name": "cem", "iterations": 0}'}, "--method /iterations: "),
+        (WHOLE, {"method": '{"name": '}, "--method: neither a name nor a JSON object: "),
+        (WHOLE, {"objective": "comfort"}, "--objective: "),
+        (WHOLE, {"model": ""}, "--model: "),
+        ([WHOLE], {}, "--request: must be a JSON object"),
+    ],
+)
+def test_a_field_at_fault_is_named_by_where_it_came_from(
+    body: Any, options: dict[str, Any], fault: str
+) -> None:
+    (line,) = refusal(body, **options)
+    assert line.startswith(fault)
+
+
+def test_each_field_at_fault_has_a_line() -> None:
+    lines = refusal(WHOLE | {"horizon": 0}, seed=-1)
+    assert [line.split(":")[0] for line in lines] == ["--seed", "/horizon"]
+
+
+@pytest.mark.parametrize("content", [b"{", b"", b"\xff\xfe\xfd", 10_000 * b"["])
+def test_a_file_that_is_not_json_is_said(content: bytes) -> None:
+    with pytest.raises(Failure, match="--request: not JSON"):
+        read_request(io.BytesIO(content), {})
+
+
+def test_without_a_file_there_must_be_a_target() -> None:
+    with pytest.raises(click.UsageError, match="--target-state"):
+        read(seed=1)

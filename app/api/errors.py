@@ -1,7 +1,7 @@
 """Errors as RFC 9457 problem+json: what can go wrong, and how each is told to the client."""
 
-from collections.abc import Callable
 from http import HTTPStatus
+from typing import NamedTuple
 
 from asgi_correlation_id import correlation_id
 from fastapi import FastAPI, Request
@@ -12,9 +12,14 @@ from starlette.exceptions import HTTPException
 from app.inference.model_store import UnfitModel, UnknownModel
 from app.inference.solvers import InvalidStepCount
 from app.planning.problem import PlanningError
-from app.serving.admission import Refused
-from app.serving.refusals import InvalidField, NotReady
-from app.serving.workers import ClientGone, DeadlineExceeded, ShuttingDown
+from app.serving.refusals import (
+    ClientGone,
+    DeadlineExceeded,
+    InvalidField,
+    NotReady,
+    Refused,
+    ShuttingDown,
+)
 from app.wire.field_errors import field_errors
 from app.wire.problems import FieldError, ProblemDetails
 
@@ -54,74 +59,63 @@ def field_problem(request: Request, errors: list[FieldError]) -> Response:
     )
 
 
+class Answer(NamedTuple):
+    """How an error is told."""
+
+    status: int
+    slug: str | None = None
+    title: str | None = None
+    rejected: str | None = None
+    """Why there is no plan, for log and metrics."""
+
+
+ANSWERS: dict[type[Exception], Answer] = {
+    UnknownModel: Answer(404, "unknown-model", "Unknown model"),
+    PlanningError: Answer(500, "planning-failed", "Planning failed"),
+    Refused: Answer(429, "busy"),
+    NotReady: Answer(503, "not-ready", rejected="not_ready"),
+    ShuttingDown: Answer(503, "not-ready", rejected="not_ready"),
+    DeadlineExceeded: Answer(504, "deadline-exceeded", rejected="deadline_exceeded"),
+    # Told to nobody; the status, which others use for it too, is for log and metrics.
+    ClientGone: Answer(499, title="Client gone", rejected="client_gone"),
+}
+FIELDS: dict[type[Exception], str] = {
+    InvalidStepCount: "/method/steps",
+    UnfitModel: "/system",
+    InvalidField: "",
+}
+"""Errors that are a field's, with its pointer where they do not bring their own."""
+
+
 def install_error_handlers(app: FastAPI) -> None:
     """Make every error of `app` a problem+json answer, never a traceback."""
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(Exception, _unexpected)
-    app.add_exception_handler(InvalidField, _invalid_field)
-    _install(app, InvalidStepCount, lambda r, e: _one_field(r, "/method/steps", e))
-    _install(app, UnfitModel, lambda r, e: _one_field(r, "/system", e))
-    _install(
-        app,
-        UnknownModel,
-        lambda r, e: problem_response(r, 404, str(e), slug="unknown-model", title="Unknown model"),
+    for kind in ANSWERS:
+        app.add_exception_handler(kind, _answer)
+    for kind in FIELDS:
+        app.add_exception_handler(kind, _invalid_field)
+
+
+async def _answer(request: Request, error: Exception) -> Response:
+    answer = next(ANSWERS[kind] for kind in type(error).__mro__ if kind in ANSWERS)
+    rejected = error.reason if isinstance(error, Refused) else answer.rejected
+    if rejected and request.method == "POST":  # a plan, and not a probe
+        request.state.log_fields["rejected"] = rejected
+    headers = None
+    if isinstance(error, Refused):
+        headers = {"Retry-After": str(error.retry_after_s)}
+    elif answer.status == HTTPStatus.SERVICE_UNAVAILABLE:
+        headers = {"Retry-After": RETRY_AFTER_SECONDS}
+    return problem_response(
+        request, answer.status, str(error), slug=answer.slug, title=answer.title, headers=headers
     )
-    _install(app, Refused, _refused)
-    _install(app, NotReady, _unavailable)
-    _install(app, ShuttingDown, _unavailable)
-    _install(app, DeadlineExceeded, _deadline_exceeded)
-    _install(app, ClientGone, _client_gone)
-    _install(
-        app,
-        PlanningError,
-        lambda r, e: problem_response(
-            r, 500, str(e), slug="planning-failed", title="Planning failed"
-        ),
-    )
-
-
-def _install(
-    app: FastAPI, kind: type[Exception], answer: Callable[[Request, Exception], Response]
-) -> None:
-    async def handle(request: Request, error: Exception) -> Response:
-        return answer(request, error)
-
-    app.add_exception_handler(kind, handle)
-
-
-def _one_field(request: Request, pointer: str, error: Exception) -> Response:
-    return field_problem(request, [FieldError(pointer=pointer, detail=str(error))])
-
-
-def _refused(request: Request, error: Exception) -> Response:
-    assert isinstance(error, Refused)
-    request.state.log_fields["rejected"] = error.reason
-    headers = {"Retry-After": str(error.retry_after_s)}
-    return problem_response(request, 429, str(error), slug="busy", headers=headers)
-
-
-def _unavailable(request: Request, error: Exception) -> Response:
-    if request.method == "POST":  # a plan, and not a probe
-        request.state.log_fields["rejected"] = "not_ready"
-    headers = {"Retry-After": RETRY_AFTER_SECONDS}
-    return problem_response(request, 503, str(error), slug="not-ready", headers=headers)
-
-
-def _deadline_exceeded(request: Request, error: Exception) -> Response:
-    request.state.log_fields["rejected"] = "deadline_exceeded"
-    return problem_response(request, 504, str(error), slug="deadline-exceeded")
-
-
-def _client_gone(request: Request, error: Exception) -> Response:
-    """Answer to nobody; the status, which others use for it too, is for log and metrics."""
-    request.state.log_fields["rejected"] = "client_gone"
-    return problem_response(request, 499, str(error), title="Client gone")
 
 
 async def _invalid_field(request: Request, error: Exception) -> Response:
-    assert isinstance(error, InvalidField)
-    return _one_field(request, error.pointer, error)
+    pointer = error.pointer if isinstance(error, InvalidField) else FIELDS[type(error)]
+    return field_problem(request, [FieldError(pointer=pointer, detail=str(error))])
 
 
 async def _http_error(request: Request, error: Exception) -> Response:

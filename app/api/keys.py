@@ -10,6 +10,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.errors import problem_response
+from app.api.middleware import HttpMiddleware
 from app.settings import Settings
 
 KEY = re.compile(r"[!-~]{16,}")
@@ -45,20 +46,17 @@ def is_public(path: str, public_paths: Collection[str]) -> bool:
     return path in public_paths or path.startswith(folders)
 
 
-class ApiKeys:
+class ApiKeys(HttpMiddleware):
     """Answer 401 where a key is needed and none of `digests` belongs to the one that is sent."""
 
     def __init__(self, app: ASGIApp, digests: list[bytes], public_paths: Collection[str]) -> None:
-        self.app = app
+        super().__init__(app)
         self.digests = digests
         self.public_paths = public_paths
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if (
-            scope["type"] != "http"
-            or is_public(scope["path"], self.public_paths)
-            or self._is_known(Headers(scope=scope).get("authorization", ""))
-        ):
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        authorization = Headers(scope=scope).get("authorization", "")
+        if is_public(scope["path"], self.public_paths) or self._is_known(authorization):
             await self.app(scope, receive, send)
             return
         refusal = problem_response(

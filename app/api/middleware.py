@@ -1,14 +1,44 @@
-"""Pure ASGI middleware around a request's body and verb."""
+"""Pure ASGI middleware: what ours has in common, and what minds a request's body and verb."""
 
 import asyncio
+from abc import ABC, abstractmethod
 from math import ceil
 
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+POLICY_VIOLATION = 1008
+"""The code with which a WebSocket is refused."""
 
-class BodyLimit:
+
+class HttpMiddleware(ABC):
+    """Middleware that knows HTTP: whatever else comes, a WebSocket say, is refused and not let by.
+
+    Args:
+        app: what comes next.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        match scope["type"]:
+            case "http":
+                await self.handle(scope, receive, send)
+            case "lifespan":
+                await self.app(scope, receive, send)
+            case "websocket":
+                await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+            case unknown:
+                raise ValueError(f"{type(self).__name__} knows no {unknown}")
+
+    @abstractmethod
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer an HTTP request, or hand it to `app`."""
+
+
+class BodyLimit(HttpMiddleware):
     """Refuse a body above `max_bytes`, declared or streamed (413), or that takes too long (408).
 
     Starlette's own limiter answers in plain text where the length is declared.
@@ -20,14 +50,11 @@ class BodyLimit:
     """
 
     def __init__(self, app: ASGIApp, max_bytes: int, timeout_s: float) -> None:
-        self.app = app
+        super().__init__(app)
         self.max_bytes = max_bytes
         self.timeout_s = timeout_s
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         declared = Headers(scope=scope).get("content-length", "")
         deadline = asyncio.get_running_loop().time() + self.timeout_s
         received = 0
@@ -56,14 +83,11 @@ class BodyLimit:
         await self.app(scope, receive_within_limits, send)
 
 
-class HeadAsGet:
+class HeadAsGet(HttpMiddleware):
     """Answer HEAD wherever GET is answered; the server leaves the body out."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or scope["method"] != "HEAD":
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["method"] != "HEAD":
             await self.app(scope, receive, send)
             return
         as_get = {**scope, "method": "GET"}

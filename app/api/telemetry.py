@@ -9,6 +9,7 @@ from asgi_correlation_id import correlation_id
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
+from app.api.middleware import HttpMiddleware
 from app.serving.admission import NONE
 
 CLIENT_GONE = 499
@@ -25,7 +26,7 @@ def is_request_id(text: str) -> bool:
     return REQUEST_ID.fullmatch(text) is not None
 
 
-class Telemetry:
+class Telemetry(HttpMiddleware):
     """Measure, count and log each request.
 
     What it leaves in `request.state`:
@@ -38,13 +39,10 @@ class Telemetry:
     """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        self.app = app
+        super().__init__(app)
         self.metrics = metrics
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         arrived = perf_counter()
         fields: dict[str, Any] = {}
         scope["state"] = {**scope.get("state", {}), "arrived": arrived, "log_fields": fields}

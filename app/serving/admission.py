@@ -1,6 +1,5 @@
 """Who may come in: bounded by cost, and by whether everybody will still be in time."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from app.inference.job import Job
 from app.inference.model_store import Model
 from app.serving.forecast import finish_times, queue_times
 from app.serving.rates import Rates
+from app.serving.refusals import Refused
 from app.settings import Settings
 
 MARGIN = 1.75
@@ -25,16 +25,6 @@ NONE = "none"
 """In the place of a model's name where there is none."""
 Lane: TypeAlias = Literal["network", "short", "long"]
 """Where a plan waits its turn: for the network, or for a core among plans of its own kind."""
-Reason: TypeAlias = Literal["queue_full", "deadline"]
-
-
-class Refused(Exception):
-    """The request was not taken on; nothing was done for it."""
-
-    def __init__(self, reason: Reason, detail: str, retry_after_s: float) -> None:
-        super().__init__(detail)
-        self.reason = reason
-        self.retry_after_s = max(1, math.ceil(retry_after_s))
 
 
 @dataclass(eq=False, slots=True, kw_only=True)

@@ -1,5 +1,12 @@
 """Why a request is not answered: what the service refuses, and what ends it early."""
 
+import math
+from typing import Literal, TypeAlias
+
+from app.planning.stop import Stopped
+
+Reason: TypeAlias = Literal["queue_full", "deadline"]
+
 
 class InvalidField(Exception):
     """A field at `pointer` that fits its schema, but not this service or the other fields."""
@@ -11,3 +18,24 @@ class InvalidField(Exception):
 
 class NotReady(Exception):
     """The service is starting, could not start, or is draining."""
+
+
+class Refused(Exception):
+    """The request was not taken on; nothing was done for it."""
+
+    def __init__(self, reason: Reason, detail: str, retry_after_s: float) -> None:
+        super().__init__(detail)
+        self.reason = reason
+        self.retry_after_s = max(1, math.ceil(retry_after_s))
+
+
+class DeadlineExceeded(Stopped):
+    """The time for the request is up."""
+
+
+class ClientGone(Stopped):
+    """Nobody waits for the answer any more."""
+
+
+class ShuttingDown(Stopped):
+    """The service was told to end at once."""

@@ -18,9 +18,9 @@ from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.serving.admission import Admission, Pending
 from app.serving.rates import Rates
-from app.serving.refusals import NotReady
+from app.serving.refusals import NotReady, ShuttingDown
 from app.serving.service import PlanningService
-from app.serving.workers import ShuttingDown, Workers
+from app.serving.workers import Workers
 from app.settings import Settings
 
 POLL_SECONDS = 0.02

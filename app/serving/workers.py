@@ -12,20 +12,9 @@ import anyio.to_thread
 from app.inference.row_threads import RowThreads
 from app.planning.stop import Stopped
 from app.serving.admission import Admission, Lane, Work
+from app.serving.refusals import ClientGone, DeadlineExceeded
 
 T = TypeVar("T")
-
-
-class DeadlineExceeded(Stopped):
-    """The time for the request is up."""
-
-
-class ClientGone(Stopped):
-    """Nobody waits for the answer any more."""
-
-
-class ShuttingDown(Stopped):
-    """The service was told to end at once."""
 
 
 class Workers:

@@ -1,13 +1,20 @@
-"""Bodies that are too large or too slow, over real sockets; and HEAD."""
+"""Bodies that are too large or too slow, over real sockets; HEAD; and what is not HTTP."""
 
+import asyncio
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter, sleep
+from typing import TypeAlias
 
 import httpx
 import pytest
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.api.keys import ApiKeys
+from app.api.metrics import Metrics
+from app.api.middleware import BodyLimit, HeadAsGet, HttpMiddleware
+from app.api.telemetry import Telemetry
 from app.settings import Settings
 from tests.served import serving
 
@@ -125,3 +132,47 @@ def test_a_slow_body_is_documented(client: httpx.Client) -> None:
         for operation in operations.values():
             assert ("408" in operation["responses"]) == (path in ("/plan", "/plan_multistep"))
             assert "401" not in operation["responses"]
+
+
+Wrap: TypeAlias = Callable[[ASGIApp], HttpMiddleware]
+MIDDLEWARE: list[Wrap] = [
+    HeadAsGet,
+    lambda app: BodyLimit(app, 1000, 1.0),
+    lambda app: ApiKeys(app, [], ["/"]),
+    lambda app: Telemetry(app, Metrics()),
+]
+
+
+def pass_through(wrap: Wrap, scope: Scope) -> tuple[bool, list[Message]]:
+    """Return whether the middleware let a scope by, and what it sent itself."""
+    let_by, sent = False, []
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG001
+        nonlocal let_by
+        let_by = True
+
+    async def receive() -> Message:
+        return {"type": "websocket.connect"}
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    asyncio.run(wrap(app)(scope, receive, send))
+    return let_by, sent
+
+
+@pytest.mark.parametrize("wrap", MIDDLEWARE)
+def test_a_websocket_is_refused_and_not_let_by_unchecked(
+    wrap: Wrap,
+) -> None:
+    scope = {"type": "websocket", "path": "/", "headers": []}
+    assert pass_through(wrap, scope) == (False, [{"type": "websocket.close", "code": 1008}])
+
+
+@pytest.mark.parametrize("wrap", MIDDLEWARE)
+def test_the_lifespan_goes_by_and_what_nobody_knows_is_an_error(
+    wrap: Wrap,
+) -> None:
+    assert pass_through(wrap, {"type": "lifespan"}) == (True, [])
+    with pytest.raises(ValueError, match="carrier-pigeon"):
+        pass_through(wrap, {"type": "carrier-pigeon"})

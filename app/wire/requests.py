@@ -7,10 +7,11 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationInfo,
+    WithJsonSchema,
     field_validator,
 )
 
-from app.planning.methods import OPTIMISERS, ActionDiffusion, AnyMethod, WarmStarted
+from app.planning.methods import METHODS, OPTIMISERS, ActionDiffusion, AnyMethod, WarmStarted
 from app.planning.methods.base import MethodOptions
 from app.planning.methods.optimiser import Optimiser
 from app.planning.objectives import OBJECTIVES, ObjectiveName
@@ -30,8 +31,8 @@ State = Annotated[
     Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
 ]
 Inclusion: TypeAlias = Literal["states", "candidates"]
-MethodName: TypeAlias = Literal[
-    "action_diffusion", "dataset_prior", "uniform", "cem", "icem", "mppi"
+MethodName = Annotated[
+    str, WithJsonSchema({"enum": [method().name for method in METHODS], "type": "string"})
 ]
 TaggedMethod = Annotated[AnyMethod, Field(discriminator="name")]
 MethodField = Annotated[

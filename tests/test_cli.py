@@ -16,9 +16,10 @@ from typer.testing import CliRunner
 
 from app import cli
 from app.evaluation.suites import SUITES
+from app.launch import START_SECONDS, free_port
 from app.main import create_app
 from app.settings import SHIPPED_MODELS, Settings
-from tests.served import COLD_START_SECONDS, free_port, running
+from tests.served import running
 
 
 def breakaway(
@@ -32,7 +33,7 @@ def breakaway(
         capture_output=True,
         text=True,
         check=False,
-        timeout=COLD_START_SECONDS,
+        timeout=START_SECONDS,
     )
 
 
@@ -118,7 +119,7 @@ def test_serve_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> 
         subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=log) as server,
     ):
         try:
-            deadline = time.monotonic() + COLD_START_SECONDS
+            deadline = time.monotonic() + START_SECONDS
             while not _is_ready(port):
                 assert time.monotonic() < deadline
                 assert server.poll() is None

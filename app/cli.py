@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
     from app.client.planner_client import AsyncPlannerClient
+    from app.planning.plant.plant_range import Bounds
     from app.wire.answers import PlanResponse
 
 ARRIVAL_SECONDS = 30.0
@@ -267,13 +268,13 @@ def models() -> None:
             except ModelRejected as error:
                 rejected.append(str(error))
                 continue
-            system = manifest.system
+            plants = manifest.plants
             table.add_row(
                 f"{manifest.name}/{manifest.version}",
-                f"{system.static_friction:g}",
-                f"{system.coulomb_friction:g}",
-                f"{system.viscous_damping:g}",
-                f"{system.control_limit:g}",
+                _bounds(plants.static_friction),
+                _bounds(plants.coulomb_friction),
+                _bounds(plants.viscous_damping),
+                _bounds(plants.control_limit),
                 str(manifest.horizon),
                 f"{manifest.losses.validation:.4f}",
                 manifest.sha256[:12],
@@ -283,6 +284,11 @@ def models() -> None:
     Console().print(table)
     if rejected:
         _fail("\n".join(rejected))
+
+
+def _bounds(bounds: "Bounds") -> str:
+    low, high = bounds
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 def _settings(arguments: list[str]) -> Settings:

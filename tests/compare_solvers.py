@@ -34,10 +34,10 @@ import casadi
 import cma
 import numpy as np
 
+from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.metrics import terminal_error
 from app.planning.objectives import TOLERANCE
-from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON, Problem

@@ -9,12 +9,10 @@ from contextlib import contextmanager
 import httpx
 from starlette.types import ASGIApp
 
+from app.launch import START_SECONDS
 from app.main import create_app
 from app.server import Server
 from app.settings import Settings
-
-COLD_START_SECONDS = 300
-"""The first start compiles every kernel: a minute on two free cores, more on busy ones."""
 
 
 @contextmanager
@@ -43,19 +41,11 @@ def running(app: ASGIApp, port: int = 0, settings: Settings | None = None) -> It
             thread.join()
 
 
-def free_port() -> int:
-    """Return a port on which nothing listens."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port: int = free.getsockname()[1]
-        return port
-
-
 def wait_until_ready(client: httpx.Client) -> None:
     wait_until(lambda: client.get("/readyz").is_success)
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = COLD_START_SECONDS) -> None:
+def wait_until(condition: Callable[[], bool], seconds: float = START_SECONDS) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not come about"

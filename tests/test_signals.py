@@ -5,7 +5,6 @@ import json
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -14,7 +13,8 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.served import free_port, wait_until, wait_until_ready
+from app.launch import launch
+from tests.served import wait_until
 from tests.stores import publish_version
 
 LONG = {
@@ -42,33 +42,18 @@ Start = Callable[..., tuple[Process, httpx.Client]]
 @pytest.fixture
 def start(model_store: Path) -> Iterator[Start]:
     """Return the road to a ready server process and a client of it."""
-    started: list[tuple[Process, httpx.Client]] = []
+    with contextlib.ExitStack() as stack:
 
-    def start(
-        *flags: str, store: Path = model_store, port: int = 0
-    ) -> tuple[Process, httpx.Client]:
-        port = port or free_port()
-        command = [sys.executable, "-m", "app", "serve", "--port", str(port)]
-        process = subprocess.Popen([*command, "--model-store", str(store), *flags])
-        client = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120)
-        started.append((process, client))
-        wait_until(lambda: process.poll() is not None or is_listening(client))
-        wait_until_ready(client)
-        return process, client
+        def start(
+            store: Path = model_store, port: int | None = None
+        ) -> tuple[Process, httpx.Client]:
+            server = stack.enter_context(
+                launch("app", "serve", "--model-store", str(store), port=port)
+            )
+            client = httpx.Client(base_url=server.url, timeout=120)
+            return server.process, stack.enter_context(client)
 
-    yield start
-    for process, client in started:
-        client.close()
-        if process.poll() is None:
-            process.kill()
-        process.wait()
-
-
-def is_listening(client: httpx.Client) -> bool:
-    try:
-        return client.get("/livez").is_success
-    except httpx.TransportError:
-        return False
+        yield start
 
 
 @pytest.fixture
@@ -136,7 +121,7 @@ def test_a_killed_server_starts_again_on_its_port_as_if_nothing_had_been(
         future.result()
     process.wait()
 
-    _, client = start(port=client.base_url.port or 0)
+    _, client = start(port=client.base_url.port)
 
     assert client.post("/plan", json=SAMPLED).json()["controls"] == before["controls"]
 

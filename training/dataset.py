@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from app.inference.conditioning import Conditioning
 from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import rollout
 from training.config import TrainingConfig
@@ -35,18 +36,10 @@ def sample_transitions(
     return Transitions(controls, initial_states, terminal_states)
 
 
-@dataclass(frozen=True, slots=True)
-class Standardisation:
-    """Mean and standard deviation of position and velocity, shape (2,) each."""
-
-    mean: FloatArray
-    std: FloatArray
-
-    @classmethod
-    def of(cls, transitions: Transitions) -> "Standardisation":
-        """Measure the initial and the terminal states together."""
-        states = np.concatenate([transitions.initial_states, transitions.terminal_states])
-        return cls(states.mean(axis=0), states.std(axis=0))
+def state_conditioning(transitions: Transitions) -> Conditioning:
+    """Return the paper's condition, standardised by initial and terminal states together."""
+    states = np.concatenate([transitions.initial_states, transitions.terminal_states])
+    return Conditioning.on_states(states.mean(axis=0).tolist(), states.std(axis=0).tolist())
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +55,14 @@ class TrainingSet:
     def prepare(
         cls,
         transitions: Transitions,
-        standardisation: Standardisation,
+        conditioning: Conditioning,
         control_scale: float,
         device: torch.device,
     ) -> "TrainingSet":
         """Scale the controls, standardise the states."""
-        states = np.stack([transitions.initial_states, transitions.terminal_states], axis=1)
-        conditions = ((states - standardisation.mean) / standardisation.std).reshape(-1, 4)
+        states = np.hstack([transitions.initial_states, transitions.terminal_states])
         controls = transitions.controls[:, None] / control_scale
         return cls(
             torch.tensor(controls, dtype=torch.float32, device=device),
-            torch.tensor(conditions, dtype=torch.float32, device=device),
+            torch.from_numpy(conditioning.standardise(states)).to(device),
         )

@@ -2,11 +2,9 @@
 
 import csv
 import hashlib
-import io
 import platform
 import shutil
 import tempfile
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,9 +14,10 @@ import numpy
 import torch
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest
+from app.inference.torchscript import to_torchscript
+from app.planning.plant.plant_range import PlantRange
 from training.config import TrainingConfig
 from training.trainer import LossRecord, Trainer
-from training.unet import UNet
 
 
 def version_directory(model_store: Path, config: TrainingConfig) -> Path:
@@ -55,28 +54,16 @@ def export(trainer: Trainer, model_store: Path, log_file: Path) -> Path:
     return directory
 
 
-def to_torchscript(unet: UNet) -> bytes:
-    """Script `unet` on the CPU in evaluation mode; return the file's bytes."""
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # TorchScript is the checkpoint contract; its deprecation is known and planned for.
-        warnings.filterwarnings("ignore", r".*torch\.jit\..* is deprecated", DeprecationWarning)
-        torch.jit.save(torch.jit.script(unet.cpu().eval()), buffer)
-    return buffer.getvalue()
-
-
 def _manifest(trainer: Trainer, sha256: str) -> Manifest:
     config, last = trainer.config, trainer.progress.history[-1]
-    mean, std = trainer.standardisation.mean, trainer.standardisation.std
     return Manifest(
         name=config.name,
         version=config.version,
         sha256=sha256,
-        system=config.system,
+        plants=PlantRange.only(config.system),
         horizon=config.data.horizon,
         control_scale=config.system.control_limit,
-        state_mean=(float(mean[0]), float(mean[1])),
-        state_std=(float(std[0]), float(std[1])),
+        condition=trainer.conditioning,
         alphas_cumprod=tuple(trainer.alphas_cumprod.tolist()),
         training=config.model_dump(mode="json"),
         seeds={"training": config.seed},

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from training.acceleration import accelerated
 from training.config import TrainingConfig
-from training.dataset import Standardisation, TrainingSet, sample_transitions
+from training.dataset import TrainingSet, sample_transitions, state_conditioning
 from training.files import write_atomically
 from training.schedule import cosine_alphas_cumprod
 from training.unet import UNet
@@ -92,8 +92,8 @@ class Trainer:
         validation = sample_transitions(
             config, data.validation_samples, self._rng(Stream.VALIDATION_DATA)
         )
-        self.standardisation = Standardisation.of(training)
-        prepare = (self.standardisation, config.system.control_limit, device)
+        self.conditioning = state_conditioning(training)
+        prepare = (self.conditioning, config.system.control_limit, device)
         self._training = TrainingSet.prepare(training, *prepare)
         self._validation = TrainingSet.prepare(validation, *prepare)
         self.alphas_cumprod = cosine_alphas_cumprod(config.diffusion.num_timesteps)
@@ -101,7 +101,7 @@ class Trainer:
         self._permutation = lru_cache(maxsize=1)(self._shuffle)
 
         torch.manual_seed(int(self._rng(Stream.WEIGHTS).integers(2**63)))
-        self._unet = UNet(config.network).to(device)
+        self._unet = UNet(config.network, self.conditioning.size).to(device)
         self._forward = accelerated(self._unet, device, config.optimisation.steps)
         self._optimiser = torch.optim.Adam(
             self._unet.parameters(), lr=config.optimisation.learning_rate, fused=True

@@ -10,10 +10,8 @@ import math
 import torch
 from torch import Tensor, nn
 
+from app.inference.checkpoint import GROUPS
 from training.config import NetworkConfig
-
-GROUPS = 8
-CONDITION_SIZE = 4
 
 
 def conv1d(in_channels: int, out_channels: int, kernel: int = 3, stride: int = 1) -> nn.Conv2d:
@@ -45,12 +43,12 @@ class TimeEmbedding(nn.Module):
 
 
 class ConditionEmbedding(nn.Module):
-    """MLP over [x_0, x_H]; rows without a condition get a learned vector instead."""
+    """MLP over the condition; rows without one get a learned vector instead."""
 
-    def __init__(self, dimension: int) -> None:
+    def __init__(self, size: int, dimension: int) -> None:
         super().__init__()
         self.mlp = nn.Sequential(
-            nn.Linear(CONDITION_SIZE, dimension), nn.SiLU(), nn.Linear(dimension, dimension)
+            nn.Linear(size, dimension), nn.SiLU(), nn.Linear(dimension, dimension)
         )
         self.null = nn.Parameter(torch.zeros(dimension))
 
@@ -82,14 +80,21 @@ class ResBlock1D(nn.Module):
 
 
 class UNet(nn.Module):
-    """Noise predictor eps_theta(u_t, t, c) (paper, Eq. 3 and Table 1)."""
+    """Noise predictor eps_theta(u_t, t, c) (paper, Eq. 3 and Table 1).
 
-    def __init__(self, config: NetworkConfig) -> None:
+    Its parameters are those of `app.inference.checkpoint`.
+
+    Args:
+        config: the widths.
+        condition_size: C, numbers of a condition.
+    """
+
+    def __init__(self, config: NetworkConfig, condition_size: int) -> None:
         super().__init__()
         channels = config.channels
         widths = (channels, config.time_dimension, config.condition_dimension)
         self.time_embedding = TimeEmbedding(config.time_dimension)
-        self.condition_embedding = ConditionEmbedding(config.condition_dimension)
+        self.condition_embedding = ConditionEmbedding(condition_size, config.condition_dimension)
         self.input = conv1d(1, channels)
         self.encoder1 = ResBlock1D(*widths)
         self.encoder2 = ResBlock1D(*widths)
@@ -110,7 +115,7 @@ class UNet(nn.Module):
         Args:
             u_t: (B, 1, H), noisy controls scaled to [-1, 1]; H even.
             t: (B,) int64, diffusion times from 0 to T-1.
-            condition: (B, 4), standardised [x_0, x_H].
+            condition: (B, C), standardised.
             keep_condition: (B,) bool; False replaces the row's condition by the learned null one.
 
         Returns:

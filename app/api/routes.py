@@ -16,7 +16,6 @@ from app.api.errors import MEDIA_TYPE
 from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model_store import Model
 from app.inference.verification import ModelRejected
-from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.serving.runtime import Runtime, available_cores
 from app.serving.service import PlanningService, R, ResolvedRequest
@@ -226,7 +225,7 @@ def _describe(model: Model) -> ModelDescription:
         name=manifest.name,
         version=str(manifest.version),
         sha256=manifest.sha256,
-        plants=PlantRange.only(manifest.system),
+        plants=manifest.plants,
         horizon=manifest.horizon,
         diffusion_timesteps=len(manifest.alphas_cumprod),
         validation_loss=manifest.losses.validation,

@@ -1,4 +1,4 @@
 """`breakaway bench`: speed, as ratios and medians measured side by side in one run.
 
-The plain references that ours is measured against live here and nowhere else.
+The plain references that ours is measured against live in reference.py and planning.py.
 """

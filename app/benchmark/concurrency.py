@@ -1,4 +1,4 @@
-"""Requests in company: small ones beside large ones, and many at once."""
+"""Many requests at once: small ones beside large ones, and all as fast as they can."""
 
 import threading
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from typing import Any
 
 import httpx
 
-from app.benchmark.server import served
+from app.launch import launch
 
 SMALL, LARGE = 16, 512
 """K of the requests."""
@@ -21,25 +21,38 @@ CLIENTS = 16
 REQUESTS_EACH = 16
 
 
-def company() -> Iterator[str]:
-    """Ask our service and a first-come-first-served one the same; yield a line each time."""
-    with served("app", "serve") as ours, served("app.benchmark.first_come_baseline") as theirs:
-        for running in (ours, theirs):
-            _small_ones(running.client)
-        idle = _small_ones(ours.client)
-        yield f"K = {SMALL} on an idle service: {idle:.1f} ms (median of {SMALL_REQUESTS})"
-        for name, running in (("shared ticks", ours), ("first come, first served", theirs)):
-            with _large_ones(running.client):
-                latency = _small_ones(running.client)
+def concurrency() -> Iterator[str]:
+    """Ask our service and a first-come-first-served one the same; yield a Markdown list."""
+    with (
+        _serving("app", "serve") as ours,
+        _serving("app.benchmark.first_come_baseline") as baseline,
+    ):
+        for client in (ours, baseline):
+            _small_ones(client)
+        idle = _small_ones(ours)
+        yield f"- K = {SMALL} on an idle service: {idle:.1f} ms (median of {SMALL_REQUESTS})"
+        for name, client in (("shared ticks", ours), ("first come, first served", baseline)):
+            with _large_ones(client):
+                latency = _small_ones(client)
             yield (
-                f"the same beside {LARGE_CLIENTS} clients with K = {LARGE} without a pause, "
+                f"- the same beside {LARGE_CLIENTS} clients with K = {LARGE} without a pause, "
                 f"{name}: {latency:.1f} ms, {latency / idle:.1f} times that"
             )
-        alone, together = _throughput(ours.client, 1), _throughput(ours.client, CLIENTS)
+        alone, together = _throughput(ours, 1), _throughput(ours, CLIENTS)
         yield (
-            f"K = {SMALL}: {alone:.0f} plans/s one after the other, {together:.0f} plans/s by "
+            f"- K = {SMALL}: {alone:.0f} plans/s one after the other, {together:.0f} plans/s by "
             f"{CLIENTS} clients at once, ratio {together / alone:.2f}"
         )
+
+
+@contextmanager
+def _serving(*arguments: str) -> Iterator[httpx.Client]:
+    """Run a service; yield a client of it."""
+    with (
+        launch(*arguments, "--log-level", "error") as server,
+        httpx.Client(base_url=server.url, timeout=60) as client,
+    ):
+        yield client
 
 
 def _body(num_candidates: int, seed: int) -> dict[str, Any]:

@@ -22,7 +22,7 @@ EXACT_GAP = 1e-6
 
 
 def planning() -> Iterator[str]:
-    """Measure what needs no network; yield a line for each."""
+    """Measure what needs no network; yield a Markdown list."""
     yield _rollouts()
     yield _cem()
     yield _refined()
@@ -60,7 +60,7 @@ def _rollouts() -> str:
         PAIRS,
     )
     return (
-        f"rollouts of (512, 64): compiled {compiled:.3f} ms, NumPy {vectorised:.3f} ms, "
+        f"- rollouts of (512, 64): compiled {compiled:.3f} ms, NumPy {vectorised:.3f} ms, "
         f"ratio {vectorised / compiled:.0f}"
     )
 
@@ -72,7 +72,7 @@ def _cem() -> str:
         lambda: plan(problem, Recipe(CEM(), 16), rng),
         PAIRS,
     )
-    return f"cem, 40 iterations: {large:.1f} ms a plan with K = 512, {small:.2f} ms with K = 16"
+    return f"- cem, 40 iterations: {large:.1f} ms a plan with K = 512, {small:.2f} ms with K = 16"
 
 
 def _refined() -> str:
@@ -87,10 +87,12 @@ def _refined() -> str:
         started = perf_counter()
         plans.append(plan(problem, recipe, rng))
         times.append((perf_counter() - started) * 1e3)
-    reachable = np.array([made.reachability and made.reachability.reachable for made in plans])
-    gaps = np.array([made.gap for made in plans])
+    reachable = np.array(
+        [refined.reachability.reachable for refined in plans if refined.reachability]
+    )
+    gaps = np.array([refined.gap for refined in plans])
     return (
-        f"dataset_prior with K = 16, refined, {TASKS} tasks: {median(times):.2f} ms a plan; "
+        f"- dataset_prior with K = 16, refined, {TASKS} tasks: {median(times):.2f} ms a plan; "
         f"{np.mean(gaps[reachable] < EXACT_GAP):.2%} of the {reachable.sum()} reachable targets "
         f"within 1e-6, the others on average {gaps[~reachable].mean():.0e} from their floor"
     )

@@ -19,22 +19,22 @@ SEQUENCES = 100
 
 
 def quick_plans(proposal: EngineProposal, horizon: int) -> str:
-    """Plan the random multi-step task; return a line."""
+    """Plan the random multi-step task; return an item of a Markdown list."""
     errors, floors, times = [], [], []
     for index, targets in enumerate(random_sequences(SEQUENCES, seed=0)):
         rng = np.random.default_rng(index)
         started = perf_counter()
-        made = plan_multistep(
+        result = plan_multistep(
             Problem(np.zeros(2), np.zeros(2), horizon=horizon),
             [np.array(target) for target in targets],
             Recipe(Learned(METHOD, proposal), NUM_CANDIDATES, Refinement(), reachability=True),
             rng,
         )
         times.append((perf_counter() - started) * 1e3 / len(targets))
-        errors.append(made.mean_end_error)
-        floors.append(made.mean_end_floor or 0.0)
+        errors.append(result.mean_end_error)
+        floors.append(result.mean_end_floor or 0.0)
     return (
-        f"action_diffusion with {METHOD.cost(1).network_evaluations} evaluations, "
+        f"- action_diffusion with {METHOD.cost(1).network_evaluations} evaluations, "
         f"K = {NUM_CANDIDATES}, refined: {median(times):.2f} ms a plan; mean end error "
         f"{np.mean(errors):.4f}, floor {np.mean(floors):.4f} ({SEQUENCES} sequences of 3 targets)"
     )

@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-import torch
 
 from app.benchmark.pairing import paired
-from app.benchmark.paper_sampler import PaperUNet, sample
+from app.benchmark.reference import Reference
 from app.inference.engine import EngineProposal
-from app.inference.model_store import Model
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned
 from app.planning.problem import Problem
@@ -20,8 +18,8 @@ CANDIDATES, MOST_PAIRS = 256, 40
 DEFAULT, PAPER = ActionDiffusion(), ActionDiffusion(sampler="paper")
 
 
-def sampling(model: Model, proposal: EngineProposal, unet: PaperUNet) -> Iterator[str]:
-    """Draw candidates for one task by the reference and by the engine; yield table lines."""
+def sampling(proposal: EngineProposal, reference: Reference) -> Iterator[str]:
+    """Draw candidates for one task by the reference and by the engine; yield a Markdown table."""
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]))
     yield (
         f"| K | reference | paper's setting, {_evaluations(PAPER)} evaluations | ratio "
@@ -29,12 +27,14 @@ def sampling(model: Model, proposal: EngineProposal, unet: PaperUNet) -> Iterato
     )
     yield "| ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
     for k in BUDGETS:
-        reference = partial(_reference, model, unet, problem, k)
-        same, fewer = (partial(_ours, proposal, problem, k, method) for method in (PAPER, DEFAULT))
-        difference = np.abs(reference() - same()).max()
+        plain = partial(_sample_by_reference, reference, problem, k)
+        same, fewer = (
+            partial(_sample_by_engine, proposal, problem, k, method) for method in (PAPER, DEFAULT)
+        )
+        difference = np.abs(plain() - same()).max()
         pairs = min(max(3, CANDIDATES // k), MOST_PAIRS)
-        reference_ms, same_ms = paired(reference, same, pairs, settle=True)
-        again_ms, fewer_ms = paired(reference, fewer, pairs, settle=True)
+        reference_ms, same_ms = paired(plain, same, pairs, settle=True)
+        again_ms, fewer_ms = paired(plain, fewer, pairs, settle=True)
         yield (
             f"| {k} | {reference_ms:.1f} ms | {same_ms:.1f} ms | {reference_ms / same_ms:.1f} "
             f"| {difference:.0e} m/s² | {fewer_ms:.2f} ms | {again_ms / fewer_ms:.0f} |"
@@ -45,15 +45,12 @@ def _evaluations(method: ActionDiffusion) -> int:
     return method.cost(1).network_evaluations
 
 
-def _reference(model: Model, unet: PaperUNet, problem: Problem, k: int) -> FloatArray:
+def _sample_by_reference(reference: Reference, problem: Problem, k: int) -> FloatArray:
     noise = np.random.default_rng(k).standard_normal((k, problem.horizon))
-    controls = sample(
-        unet, model.manifest, model.condition(problem), torch.tensor(noise, dtype=torch.float32)
-    )
-    return controls.numpy().astype(np.float64) * model.manifest.control_scale
+    return reference.sample(problem, noise)
 
 
-def _ours(
+def _sample_by_engine(
     proposal: EngineProposal, problem: Problem, k: int, method: ActionDiffusion
 ) -> FloatArray:
     return Learned(method, proposal).propose(problem, k, np.random.default_rng(k)).controls

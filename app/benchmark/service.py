@@ -7,15 +7,14 @@ from http import HTTPStatus
 from http.client import HTTPConnection
 
 import numpy as np
-import torch
+import psutil
 
 from app.benchmark.pairing import paired
 from app.benchmark.quick_plans import METHOD as QUICK
 from app.benchmark.quick_plans import NUM_CANDIDATES as QUICK_CANDIDATES
-from app.benchmark.server import served
-from app.inference.job import Job
 from app.inference.model_store import Model
-from app.inference.sampling import Sampling
+from app.inference.sampling import sample_alone
+from app.launch import launch
 from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, ActionDiffusion, Learned
 from app.planning.planner import plan
@@ -26,8 +25,8 @@ from app.planning.refining.refinement import Refinement
 PAIRS, CALLS = 12, 20
 
 
-class BareSampler:
-    """A `LearnedProposal` without an engine: the sampler and the network, in this thread.
+class BareProposal:
+    """A `LearnedProposal` without an engine: solver and network, in this thread.
 
     Args:
         model: that it samples from.
@@ -36,7 +35,6 @@ class BareSampler:
     def __init__(self, model: Model) -> None:
         self._model = model
 
-    @torch.inference_mode()
     def sample(
         self,
         problem: Problem,
@@ -46,38 +44,32 @@ class BareSampler:
         guidance_scale: float,
     ) -> Candidates:
         """Denoise `noise` (K, H) into controls (K, H)."""
-        sampling = Sampling(
-            Job(rows_left=0), self._model, problem, noise, solver, steps, guidance_scale
-        )
-        while sampling.controls is None:
-            rows = sampling.take(sampling.rows_waiting)
-            sampling.give(self._model.network.predict(*rows))
-        return Candidates(sampling.controls)
+        return Candidates(sample_alone(self._model, problem, noise, solver, steps, guidance_scale))
 
 
 def service(model: Model) -> Iterator[str]:
     """Start a service, ask it for plans, and the planner in this process for the same.
 
-    Yields a line for each measurement.
+    Yields a Markdown list.
     """
-    with served("app", "serve") as running:
-        bare = BareSampler(model)
+    with launch("app", "serve", "--log-level", "error") as server:
+        bare = BareProposal(model)
         # Python's own client takes a millisecond less of its own than httpx.
-        url = running.client.base_url
-        connection = HTTPConnection(url.host, url.port)
-        yield f"start to ready: {running.start_seconds:.1f} s"
+        connection = HTTPConnection(server.url.removeprefix("http://"))
+        yield f"- start to ready: {server.start_seconds:.1f} s"
         yield _request(connection, CEM(), 16, bare)
         yield _request(connection, ActionDiffusion(), 16, bare)
         yield _request(connection, QUICK, QUICK_CANDIDATES, bare, Refinement())
         connection.close()
-        yield f"resident memory of the service afterwards: {running.memory_mib:.0f} MiB"
+        memory = psutil.Process(server.process.pid).memory_info().rss / 2**20
+        yield f"- resident memory of the service afterwards: {memory:.0f} MiB"
 
 
 def _request(
     connection: HTTPConnection,
     method: CEM | ActionDiffusion,
     num_candidates: int,
-    proposal: BareSampler,
+    proposal: BareProposal,
     refinement: Refinement | None = None,
 ) -> str:
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]))
@@ -106,7 +98,7 @@ def _request(
         ms / CALLS for ms in paired(lambda: _repeat(ask), lambda: _repeat(plan_alone), PAIRS)
     )
     return (
-        f"{method.name}{', refined' if refinement else ''}, K = {num_candidates}, "
+        f"- {method.name}{', refined' if refinement else ''}, K = {num_candidates}, "
         f"{method.cost(num_candidates).network_evaluations} evaluations: {over_http:.2f} ms over "
         f"HTTP, {in_process:.2f} ms by the planner alone; engine and HTTP add "
         f"{over_http - in_process:.2f} ms"

@@ -18,6 +18,7 @@ def models() -> None:
     from rich.table import Column, Table
 
     from app.inference.verification import ModelRejected, find_versions, verify
+    from app.planning.plant.plant_range import in_words
 
     try:
         directories = find_versions(read_settings().model_store)
@@ -33,13 +34,13 @@ def models() -> None:
         except ModelRejected as error:
             rejected.append(str(error))
             continue
-        system = manifest.system
+        plants = manifest.plants
         table.add_row(
             f"{manifest.name}/{manifest.version}",
-            f"{system.static_friction:g}",
-            f"{system.coulomb_friction:g}",
-            f"{system.viscous_damping:g}",
-            f"{system.control_limit:g}",
+            in_words(plants.static_friction),
+            in_words(plants.coulomb_friction),
+            in_words(plants.viscous_damping),
+            in_words(plants.control_limit),
             str(manifest.horizon),
             f"{manifest.losses.validation:.4f}",
             manifest.sha256[:12],

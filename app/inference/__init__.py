@@ -1,1 +1,1 @@
-"""The network: model store, samplers and the engine that owns the device. Torch lives here only."""
+"""The network: model store, solvers, and the engine that owns the device. PyTorch lives here."""

@@ -3,8 +3,9 @@
 import torch
 
 LIBRARY_VERSION = str(torch.__version__)
+CPU = torch.device("cpu")
 
 
 def choose_device() -> torch.device:
     """Return the GPU where there is one."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    return torch.device("cuda") if torch.cuda.is_available() else CPU

@@ -1,8 +1,8 @@
 """The engine: one thread that owns the network, and takes the samplings of all requests together.
 
 Each tick it runs one batch: rows of as many samplings as fit, each at its own step, with its own
-sampler, guidance and condition. It waits for no company: an idle engine begins at once, and a
-sampling joins or leaves between any two ticks. Whose rows go next says shares.py.
+solver, guidance and condition. It waits for nobody: an idle engine begins at once, and a sampling
+joins or leaves between any two ticks. shares.py says whose rows go next.
 """
 
 import logging
@@ -64,7 +64,7 @@ class Engine:
 
     Args:
         num_threads: CPU threads of the network.
-        watch: told of every batch, in the engine's thread.
+        watch: called with every batch, in the engine's thread.
         share: says whose rows go next.
     """
 
@@ -85,14 +85,16 @@ class Engine:
         self._thread = threading.Thread(target=self._run, name="engine", daemon=True)
         self._thread.start()
 
-    def load(self, store: Path, device: torch.device, loaded: Sequence[Model] = ()) -> ModelStore:
+    def load(
+        self, store: Path, device: torch.device, serving: Sequence[Model] | None = None
+    ) -> ModelStore:
         """Verify, load and warm up the models of a store, in the calling thread; see `ModelStore`.
 
         Raises:
             ModelRejected: one of them is not what its manifest says; none is loaded then.
         """
         _use_no_threads_of_pytorch()
-        return ModelStore.load(store, device, self.row_threads, loaded)
+        return ModelStore.load(store, device, self.row_threads, serving)
 
     def bind(self, model: Model, job: Job) -> "EngineProposal":
         """Return `model` as a learned proposal that samples here, as a part of `job`."""
@@ -253,10 +255,12 @@ class EngineProposal:
             InvalidStepCount: the model has fewer diffusion times than `steps`.
             PlanningError: the network fails, or predicts noise that is not finite.
             Stopped: the job is not wanted any more.
-            ValueError: the model was not trained for the problem's plant and horizon.
+            ValueError: the model does not cover the problem's plant and horizon.
         """
-        if not self._model.fits(problem.system, problem.horizon):
-            raise ValueError("the model was trained for another plant or horizon")
+        if not self._model.covers(problem.system, problem.horizon):
+            raise ValueError(
+                f"the model was trained for another plant or horizon: {self._model.coverage}"
+            )
         submitted = perf_counter()
         done = self._engine.submit(
             self._job,

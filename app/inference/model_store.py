@@ -1,30 +1,21 @@
-"""The model store: loading verified checkpoints, and finding the model that a request needs.
+"""The model store: loading verified checkpoints, and finding the model that a request needs."""
 
-All that knows of TorchScript is here.
-"""
-
-import io
-import logging
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-import numpy as np
 import torch
 
 from app.inference.manifest import Manifest
-from app.inference.networks.base import CONDITION_SIZE, Network
-from app.inference.networks.compiled import UnsuitableNetwork, derive
-from app.inference.networks.scripted import ScriptedNetwork
-from app.inference.pace import Pace, measure_pace
+from app.inference.networks import build_network
+from app.inference.networks.base import Checkpoint, Network
+from app.inference.pace import GUESS, Pace, measure_pace
 from app.inference.row_threads import RowThreads
+from app.inference.torchscript import read_torchscript
 from app.inference.verification import ModelRejected, find_versions, verify
 from app.planning.plant.system import System
 from app.planning.problem import Problem
-
-log = logging.getLogger(__name__)
 
 
 class UnknownModel(LookupError):
@@ -32,7 +23,7 @@ class UnknownModel(LookupError):
 
 
 class UnfitModel(LookupError):
-    """No model was trained for the asked-for plant and horizon."""
+    """No model covers the asked-for plant and horizon."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +32,8 @@ class Model:
 
     manifest: Manifest
     network: Network
+    num_parameters: int
+    """Of the checkpoint."""
     device: torch.device
     pace: Pace
 
@@ -49,15 +42,18 @@ class Model:
         """`name/version`, as requests name it."""
         return f"{self.manifest.name}/{self.manifest.version}"
 
-    def fits(self, system: System, horizon: int) -> bool:
-        """Say whether the model was trained for this plant and horizon."""
-        return (self.manifest.system, self.manifest.horizon) == (system, horizon)
+    @property
+    def coverage(self) -> str:
+        """The plants and the horizon that the model was trained for, in words."""
+        return f"plants with {self.manifest.plants}, and horizon {self.manifest.horizon}"
+
+    def covers(self, system: System, horizon: int) -> bool:
+        """Say whether the model was trained for such a plant and horizon."""
+        return self.manifest.plants.covers(system) and self.manifest.horizon == horizon
 
     def condition(self, problem: Problem) -> torch.Tensor:
-        """Return what the network knows of a problem: standardised [x_0, x*], (4,)."""
-        states = np.stack([problem.initial_state, problem.target_state])
-        standardised = (states - self.manifest.state_mean) / self.manifest.state_std
-        return torch.tensor(standardised.ravel(), dtype=torch.float32, device=self.device)
+        """Return what the network knows of a problem, (C,)."""
+        return torch.from_numpy(self.manifest.condition.encode(problem)).to(self.device)
 
 
 class ModelStore:
@@ -72,20 +68,21 @@ class ModelStore:
         directory: Path,
         device: torch.device,
         threads: RowThreads,
-        loaded: Sequence[Model] = (),
+        serving: Sequence[Model] | None = None,
     ) -> Self:
-        """Verify every model under `directory`, load and warm up those that are not yet `loaded`.
+        """Verify every model under `directory`, load and warm up those that do not serve yet.
 
         Args:
             directory: the store.
             device: where the networks run.
             threads: share out the rows on a CPU.
-            loaded: models that are kept if the store still holds the very same.
+            serving: models that are kept if the store still holds the very same; what is new is
+                not timed beside them. None at the first start, when nobody is served yet.
 
         Raises:
             ModelRejected: one of them is not what its manifest says; none is loaded then.
         """
-        return cls([_load(path, device, threads, loaded) for path in find_versions(directory)])
+        return cls([_load(path, device, threads, serving) for path in find_versions(directory)])
 
     def find(self, reference: str) -> Model:
         """Return the model called `name` (its latest version) or `name/version`.
@@ -98,89 +95,57 @@ class ModelStore:
                 return model
         raise UnknownModel(f"no model {reference!r}; there are: {self._labels()}")
 
-    def fitting(self, system: System, horizon: int) -> Model:
-        """Return the first model by name, in its latest version, that fits plant and horizon.
+    def covering(self, system: System, horizon: int) -> Model:
+        """Return the first model by name, in its latest version, that covers plant and horizon.
 
         Raises:
             UnfitModel: there is none.
         """
         for model in self.models:
-            if model.fits(system, horizon):
+            if model.covers(system, horizon):
                 return model
+        there_are = "; ".join(f"{model.label} for {model.coverage}" for model in self.models)
         raise UnfitModel(
-            f"no model was trained for {system} and horizon {horizon}; there are: {self._labels()}"
+            f"no model was trained for {system} and horizon {horizon}; "
+            f"there are: {there_are or 'none'}"
         )
 
     def _labels(self) -> str:
         return ", ".join(model.label for model in self.models) or "none"
 
 
-def read_torchscript(checkpoint: bytes, device: torch.device) -> torch.jit.ScriptModule:
-    """Return a checkpoint's network.
-
-    Raises:
-        RuntimeError: the bytes are no TorchScript.
-    """
-    with warnings.catch_warnings():
-        # TorchScript is the checkpoint contract; its deprecation is known and planned for.
-        warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
-        script: torch.jit.ScriptModule = torch.jit.load(  # type: ignore[no-untyped-call]
-            io.BytesIO(checkpoint), map_location=device
-        )
-        return script.eval()
-
-
 def _load(
-    directory: Path, device: torch.device, threads: RowThreads, loaded: Sequence[Model]
+    directory: Path, device: torch.device, threads: RowThreads, serving: Sequence[Model] | None
 ) -> Model:
-    manifest, checkpoint = verify(directory)
-    for model in loaded:
+    manifest, content = verify(directory)
+    for model in serving or ():
         # The manifest holds the checkpoint's hash.
         if model.manifest == manifest:
             return model
+    horizon, condition_size = manifest.horizon, manifest.condition.size
     try:
-        script = read_torchscript(checkpoint, device)
-        scripted = ScriptedNetwork(script, threads)
-        _try(scripted, manifest.horizon, device)
-        network = _fastest(script, scripted, manifest, device, threads)
-        pace = measure_pace(network, manifest.horizon, device)
+        script = read_torchscript(content, device)
+        num_parameters = sum(parameter.numel() for parameter in script.parameters())
+        checkpoint = Checkpoint(
+            script, device, horizon, len(manifest.alphas_cumprod), condition_size
+        )
+        network = build_network(checkpoint, threads, manifest.name)
+        pace = (
+            measure_pace(network, condition_size, horizon, device)
+            if serving is None
+            else _pace_of_one_like(network, num_parameters, horizon, serving)
+        )
     except RuntimeError as error:
         raise ModelRejected(f"{directory}: the checkpoint does not run: {error}") from error
-    return Model(manifest, network, device, pace)
+    return Model(manifest, network, num_parameters, device, pace)
 
 
-@torch.inference_mode()
-def _fastest(
-    script: torch.jit.ScriptModule,
-    scripted: ScriptedNetwork,
-    manifest: Manifest,
-    device: torch.device,
-    threads: RowThreads,
-) -> Network:
-    """Return the compiled kernel where there is one for the checkpoint, or the checkpoint."""
-    if device.type != "cpu":
-        return scripted
-    try:
-        network = derive(script, scripted, manifest.horizon, len(manifest.alphas_cumprod), threads)
-    except UnsuitableNetwork as error:
-        log.warning("%s runs as TorchScript, slowly: %s", manifest.name, error)
-        return scripted
-    _try(network, manifest.horizon, device)
-    return network
-
-
-@torch.inference_mode()
-def _try(network: Network, horizon: int, device: torch.device) -> None:
-    """Run the network often enough for its executor to profile, optimise and settle.
-
-    Raises:
-        RuntimeError: the network fails or answers in the wrong shape.
-    """
-    controls = torch.zeros(2, horizon, device=device)
-    embedding = network.embed(torch.zeros(CONDITION_SIZE, device=device))
-    for _ in range(3):
-        noise = network.predict(
-            controls, torch.zeros(2, dtype=torch.int64, device=device), embedding
-        )
-        if noise.shape != controls.shape:
-            raise RuntimeError(f"the output has shape {tuple(noise.shape)}")
+def _pace_of_one_like(
+    network: Network, num_parameters: int, horizon: int, serving: Sequence[Model]
+) -> Pace:
+    """Return the pace of a model whose network is of the same kind and size, or a guess."""
+    for model in serving:
+        size = (model.num_parameters, model.manifest.horizon)
+        if type(model.network) is type(network) and size == (num_parameters, horizon):
+            return model.pace
+    return GUESS

@@ -1,7 +1,7 @@
 """One sampling on its way through the network: rows that wait for a prediction, step after step.
 
-Prepare, step, finish: nothing here runs the network. Whoever does may take any number of the rows
-that wait, beside rows of other samplings.
+Prepare, step, finish: a sampling does not run the network. Whoever does may take any number of the
+rows that wait, beside rows of other samplings.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from app.inference.job import Job
 from app.inference.model_store import Model
-from app.inference.solvers import SAMPLERS
+from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
 from app.planning.problem import PlanningError, Problem
 
@@ -39,8 +39,8 @@ class Sampling:
         model: predicts the noise.
         problem: start and target.
         noise: (K, H), standard normal.
-        sampler: a name of `SAMPLERS`.
-        steps: of the sampler.
+        solver: a name of `SOLVERS`.
+        steps: of the solver.
         guidance_scale: s.
 
     Raises:
@@ -53,7 +53,7 @@ class Sampling:
         model: Model,
         problem: Problem,
         noise: FloatArray,
-        sampler: str,
+        solver: str,
         steps: int,
         guidance_scale: float,
     ) -> None:
@@ -61,7 +61,7 @@ class Sampling:
         self.model = model
         self._guidance_scale = guidance_scale
         alphas_cumprod = model.manifest.alphas_cumprod
-        times, solve = SAMPLERS[sampler]
+        times, solve = SOLVERS[solver]
         self._steps = solve(
             torch.tensor(noise, dtype=torch.float32, device=model.device),
             times(len(alphas_cumprod), steps),
@@ -128,3 +128,22 @@ class Sampling:
             self.controls = controls.cpu().numpy().astype(np.float64) * scale
         else:
             self._predicted = 0
+
+
+@torch.inference_mode()
+def sample_alone(
+    model: Model,
+    problem: Problem,
+    noise: FloatArray,
+    solver: str,
+    steps: int,
+    guidance_scale: float,
+) -> FloatArray:
+    """Return the controls (K, H) in m/s^2 of a sampling in this thread, without an engine.
+
+    Arguments and errors as for `Sampling`; what the network raises as it is.
+    """
+    sampling = Sampling(Job(rows_left=0), model, problem, noise, solver, steps, guidance_scale)
+    while sampling.controls is None:
+        sampling.give(model.network.predict(*sampling.take(sampling.rows_waiting)))
+    return sampling.controls

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 from app.inference.sampling import Sampling
 
-HASTE = 1.5
-"""Whoever has less time than this many times what it still needs goes before everybody else."""
+SAFETY_FACTOR = 1.5
+"""A deadline is in danger if less time is left than this many times what the sampling needs."""
 
 Share: TypeAlias = Callable[[Sequence[Sampling], int, float], dict[Sampling, int]]
 """(samplings with rows that wait, rows of a tick, its seconds) -> the rows that each of them gets.
@@ -36,7 +36,7 @@ def half_least_half_urgent(
     in_danger = [
         sampling
         for sampling in by_urgency
-        if sampling.job.deadline - now < HASTE * tick_seconds * sampling.ticks_left(budget)
+        if sampling.job.deadline - now < SAFETY_FACTOR * tick_seconds * sampling.ticks_left(budget)
     ]
     shares = dict.fromkeys(by_urgency, 0)
     left = budget

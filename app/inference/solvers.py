@@ -1,8 +1,9 @@
-"""Samplers: generators that turn noise into control sequences over explicit timestep pairs.
+"""Solvers: generators that turn noise into control sequences over explicit timestep pairs.
 
-They know neither networks nor guidance: a sampler yields what it wants the noise of predicted, is
+They know neither networks nor guidance: a solver yields what it wants the noise of predicted, is
 sent the prediction, and in the end returns the controls. Between two predictions it stands still,
-so that whoever predicts may do so for many of them at once.
+so that whoever predicts may do so for many of them at once. A solver is the algorithm; the sampler
+of a request is a solver with its number of steps and guidance, by name.
 """
 
 import math
@@ -140,7 +141,7 @@ class NoiseLevel(NamedTuple):
         return torch.mul(u, ratio).add_(clean, alpha=level.signal - ratio * self.signal)
 
 
-class Sampler(NamedTuple):
+class Solver(NamedTuple):
     """A way from noise to controls: where it asks for predictions, and what it makes of them."""
 
     times: Callable[[int, int], list[int]]
@@ -148,7 +149,7 @@ class Sampler(NamedTuple):
     solve: Callable[[Tensor, Sequence[int], Sequence[float]], Steps]
 
 
-SAMPLERS = {
-    "dpm_solver": Sampler(middle_times, dpm_solver),
-    "ddim": Sampler(even_times, ddim),
+SOLVERS = {
+    "dpm_solver": Solver(middle_times, dpm_solver),
+    "ddim": Solver(even_times, ddim),
 }

@@ -33,19 +33,21 @@ def available_cores() -> int:
     return int(loky.cpu_count())
 
 
-def load_models(settings: Settings, engine: Engine, loaded: Sequence[Model] = ()) -> ModelStore:
+def load_models(
+    settings: Settings, engine: Engine, serving: Sequence[Model] | None = None
+) -> ModelStore:
     """Compile the kernels, verify, load and warm up the models; blocks.
 
     Args:
         settings: where the store is.
         engine: will run them.
-        loaded: models that are kept if the store still holds the very same.
+        serving: models that are kept if the store still holds the very same; None at first.
 
     Raises:
         ModelRejected: a model of the store is not what its manifest says.
     """
     warm_up()
-    return engine.load(settings.model_store, choose_device(), loaded)
+    return engine.load(settings.model_store, choose_device(), serving)
 
 
 class Runtime:
@@ -113,9 +115,9 @@ class Runtime:
         """
         async with self._loading:
             started = perf_counter()
-            loaded = self._service.models.models if self._service else ()
+            serving = self._service.models.models if self._service else None
             models = await anyio.to_thread.run_sync(
-                load_models, self.settings, self._engine, loaded
+                load_models, self.settings, self._engine, serving
             )
             if self._draining:
                 raise NotReady(self._state)

@@ -71,24 +71,21 @@ class PlanningService:
 
         Raises:
             UnknownModel: it names a model that is not there.
-            UnfitModel: the method needs a model, and none (or not the named one) fits the plant.
+            UnfitModel: the method needs a model, and none (or not the named one) covers the plant.
             InvalidField: it is larger than the settings allow.
         """
         num_targets = len(request.targets) if isinstance(request, MultistepPlanRequest) else 1
         named = self.models.find(request.model) if request.model else None
-        system = request.system or (named.manifest.system if named else System())
+        system = request.system or (named.manifest.plants.nearest(System()) if named else System())
         horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
         recipe = request.recipe()
         cost = recipe.cost()
         self._check_limits(request, cost, horizon, num_targets)
         model = None
         if cost.network_evaluations:
-            model = named or self.models.fitting(system, horizon)
-            if not model.fits(system, horizon):
-                raise UnfitModel(
-                    f"{model.label} was trained for another plant or horizon "
-                    f"({model.manifest.system}, horizon {model.manifest.horizon})"
-                )
+            model = named or self.models.covering(system, horizon)
+            if not model.covers(system, horizon):
+                raise UnfitModel(f"{model.label} was trained for {model.coverage}")
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
         measuring_steps = REACHABILITY_STEPS if recipe.reachability else 0
         work = Work(

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
+from contextlib import nullcontext
 from time import perf_counter
 from typing import TypeVar
 
@@ -99,18 +100,17 @@ class Workers:
         queue: anyio.CancelScope,
         lane: Lane,
     ) -> T:
-        cores, lent = self._cores[lane], int(lane == "long")
+        cores = self._cores[lane]
         acquired = False
         try:
             with queue:
                 await cores.acquire_on_behalf_of(work)
                 acquired = True
-                self._row_threads.lent += lent
             work.stop.check()
-            return await self._in_thread(function, begun)
+            with self._row_threads.lend() if lane == "long" else nullcontext():
+                return await self._in_thread(function, begun)
         finally:
             if acquired:
-                self._row_threads.lent -= lent
                 cores.release_on_behalf_of(work)
 
     async def _in_thread(self, function: Callable[[float], T], begun: float) -> T:

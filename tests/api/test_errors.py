@@ -105,7 +105,7 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
         (
             {"method": "action_diffusion", "model": "tiny", "system": {"viscous_damping": 0.1}},
             "/system",
-            "tiny/1 was trained for",
+            "tiny/1 was trained for plants with static_friction 0.7, coulomb_friction 0.6,",
         ),
         (
             {"method": {"name": "action_diffusion", "steps": 90}, "num_candidates": 4096},

@@ -1,4 +1,4 @@
-"""What is timed in turn is told apart, by a clock that the calls move."""
+"""What is timed in turn is kept apart, by a clock that the calls move."""
 
 import pytest
 

@@ -13,13 +13,14 @@ import pytest
 from app.client.planner_client import AsyncPlannerClient, PlannerClient, RequestRefused
 from app.inference.engine import Engine
 from app.inference.model_store import ModelStore
+from app.launch import free_port
 from app.main import create_app
 from app.serving.rates import Rates
 from app.serving.service import PlanningService
 from app.settings import Settings
 from app.wire.answers import PlanResponse
 from app.wire.requests import MultistepPlanRequest, PlanRequest
-from tests.served import free_port, running
+from tests.served import running
 
 STATES = {"initial_state": (0.0, 0.0), "target_state": (0.2, 0.0)}
 UNIFORM = PlanRequest.model_validate({**STATES, "method": "uniform", "seed": 7})

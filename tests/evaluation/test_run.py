@@ -29,10 +29,11 @@ from app.evaluation.section import Section, Table
 from app.evaluation.suite import Answered, Suite
 from app.evaluation.suites.multistep_random import MultistepRandom, sequence_questions
 from app.evaluation.suites.multistep_reference import MultistepReference
+from app.launch import START_SECONDS, free_port
 from app.main import create_app
 from app.planning.plant.system import System
 from app.settings import Settings
-from tests.served import COLD_START_SECONDS, free_port, running
+from tests.served import running
 
 SMALL_QUESTIONS = 12
 
@@ -97,7 +98,7 @@ class Small(Suite):
         return Section("Small", "A few.", (Table("small", "Errors.", ("Final error",), errors),))
 
 
-def run(suite: Suite, url: str, out: Path, patience_s: float = COLD_START_SECONDS) -> Path:
+def run(suite: Suite, url: str, out: Path, patience_s: float = START_SECONDS) -> Path:
     client = AsyncPlannerClient(url, patience_s)
     return asyncio.run(evaluate([suite], lambda: client, out, 1, Console(quiet=True)))
 

@@ -8,10 +8,12 @@ from typing import Any, TypeAlias
 import pytest
 import torch
 
+from app.inference.conditioning import Conditioning
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest
+from app.inference.torchscript import to_torchscript
+from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from training.config import NetworkConfig
-from training.export import to_torchscript
 from training.schedule import cosine_alphas_cumprod
 from training.unet import UNet
 
@@ -22,7 +24,7 @@ Publish: TypeAlias = Callable[..., Path]
 def _checkpoint(seed: int) -> bytes:
     torch.manual_seed(seed)
     network = NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)
-    return to_torchscript(UNet(network))
+    return to_torchscript(UNet(network, condition_size=4))
 
 
 @pytest.fixture(scope="session")
@@ -58,11 +60,10 @@ def publisher(checkpoint: bytes) -> Callable[[Path], Publish]:
                     "name": name,
                     "version": version,
                     "sha256": hashlib.sha256(content).hexdigest(),
-                    "system": System(),
+                    "plants": PlantRange.only(System()),
                     "horizon": 64,
                     "control_scale": 0.9,
-                    "state_mean": (0.1, 0.2),
-                    "state_std": (0.8, 0.4),
+                    "condition": Conditioning.on_states((0.1, 0.2), (0.8, 0.4)),
                     "alphas_cumprod": tuple(cosine_alphas_cumprod(20).tolist()),
                     "training": {},
                     "seeds": {"training": 0},

@@ -1,4 +1,4 @@
-"""Networks that do as they are told, models around them, and what a sampling gives alone."""
+"""Networks that fail on demand, models around them, and what a sampling gives alone."""
 
 import threading
 from collections.abc import Sequence
@@ -10,15 +10,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from app.inference.conditioning import Conditioning
+from app.inference.device import CPU
 from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.manifest import Losses, Manifest
 from app.inference.model_store import Model
 from app.inference.networks.base import Network
 from app.inference.pace import Pace
-from app.inference.sampling import Sampling
-from app.inference.solvers import SAMPLERS
+from app.inference.sampling import Sampling, sample_alone
+from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
+from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.planning.problem import Problem
 from training.schedule import cosine_alphas_cumprod
@@ -32,7 +35,7 @@ RAISES, NOT_A_NUMBER = 100.0, 200.0
 
 
 class FakeNetwork:
-    """Predicts each row by exact arithmetic on that row, so in any company the same to the bit.
+    """Predicts each row by exact arithmetic on that row, so beside any others the same to the bit.
 
     Args:
         slope: networks with different ones predict differently.
@@ -46,16 +49,16 @@ class FakeNetwork:
 
     def embed(self, condition: Tensor) -> Tensor:
         self.embedded.append(condition)
-        start, _, target, told = condition.tolist()
-        return torch.tensor([[0.5 * start - target, told], [0.7, told]])
+        start, _, target, failure = condition.tolist()
+        return torch.tensor([[0.5 * start - target, failure], [0.7, failure]])
 
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
         self.batches.append((u_t.clone(), t.clone(), embedding.clone()))
-        offset, told = embedding[:, :1], torch.where(t < TIMESTEPS // 2, embedding[:, 1], 0)
-        if (told == RAISES).any():
-            raise ArithmeticError("as it was told")
+        offset, failure = embedding[:, :1], torch.where(t < TIMESTEPS // 2, embedding[:, 1], 0)
+        if (failure == RAISES).any():
+            raise ArithmeticError("on demand")
         noise = u_t * self._slope + offset * (t.unsqueeze(1) / TIMESTEPS)
-        noise[told == NOT_A_NUMBER] = torch.nan
+        noise[failure == NOT_A_NUMBER] = torch.nan
         return noise.clamp(-3, 3)
 
 
@@ -105,18 +108,17 @@ def fake_model(
         name=name,
         version=1,
         sha256="0" * 64,
-        system=System(),
+        plants=PlantRange.only(System()),
         horizon=HORIZON,
         control_scale=scale,
-        state_mean=(0.0, 0.0),
-        state_std=(1.0, 1.0),
+        condition=Conditioning.on_states((0.0, 0.0), (1.0, 1.0)),
         alphas_cumprod=tuple(cosine_alphas_cumprod(TIMESTEPS).tolist()),
         training={},
         seeds={},
         losses=Losses(training=0.1, validation=0.2),
         libraries={},
     )
-    return Model(manifest, network, torch.device("cpu"), Pace(rows_at_once, 1e-6))
+    return Model(manifest, network, 0, CPU, Pace(rows_at_once, 1e-6))
 
 
 class Asked(NamedTuple):
@@ -124,9 +126,9 @@ class Asked(NamedTuple):
 
     num_candidates: int = 4
     steps: int = 3
-    sampler: str = "ddim"
+    solver: str = "ddim"
     guidance_scale: float = 2.0
-    told: float = 0.0
+    failure: float = 0.0
     """`RAISES`, `NOT_A_NUMBER` or nothing: the target's velocity."""
     seed: int = 0
     horizon: int = HORIZON
@@ -135,7 +137,7 @@ class Asked(NamedTuple):
     def problem(self) -> Problem:
         start, target = np.random.default_rng(self.seed).uniform(-0.5, 0.5, 2)
         return Problem(
-            np.array([start, 0.0]), np.array([target, self.told]), System(), self.horizon
+            np.array([start, 0.0]), np.array([target, self.failure]), System(), self.horizon
         )
 
     @property
@@ -149,24 +151,22 @@ class Asked(NamedTuple):
         predictions = 1 if self.guidance_scale in (0.0, 1.0) else 2
         return self.num_candidates * self.steps * predictions
 
-    def of(self, model: Model, job: Job | None = None) -> Sampling:
+    def sampling(self, model: Model, job: Job | None = None) -> Sampling:
         return Sampling(
             job or Job(self.rows),
             model,
             self.problem,
             self.noise,
-            self.sampler,
+            self.solver,
             self.steps,
             self.guidance_scale,
         )
 
-    @torch.inference_mode()
     def alone(self, model: Model) -> FloatArray:
         """Return the controls without any engine; raises what the network or the sampling does."""
-        sampling = self.of(model)
-        while sampling.controls is None:
-            sampling.give(model.network.predict(*sampling.take(sampling.rows_waiting)))
-        return sampling.controls
+        return sample_alone(
+            model, self.problem, self.noise, self.solver, self.steps, self.guidance_scale
+        )
 
 
 def many(
@@ -182,7 +182,7 @@ def many(
         Asked(
             num_candidates=int(rng.integers(1, most)),
             steps=int(rng.integers(1, 9)),
-            sampler=str(rng.choice(list(SAMPLERS))),
+            solver=str(rng.choice(list(SOLVERS))),
             guidance_scale=float(rng.choice(guidance_scales)),
             seed=index,
             horizon=horizon,
@@ -207,4 +207,4 @@ class Request:
 
 def submit(engine: Engine, model: Model, asked: Asked) -> Request:
     job = Job(asked.rows)
-    return Request(asked, job, engine.submit(job, lambda: asked.of(model, job)))
+    return Request(asked, job, engine.submit(job, lambda: asked.sampling(model, job)))

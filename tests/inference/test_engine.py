@@ -11,18 +11,21 @@ import pytest
 import torch
 from torch import Tensor
 
+from app.inference.conditioning import Conditioning
+from app.inference.device import CPU
 from app.inference.engine import Engine, Tick
 from app.inference.job import Job
 from app.inference.manifest import CHECKPOINT_FILE
-from app.inference.model_store import Model, ModelStore, read_torchscript
-from app.inference.networks.base import Network
+from app.inference.model_store import Model, ModelStore
+from app.inference.networks.base import Checkpoint, Network
 from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
-from app.inference.solvers import SAMPLERS, InvalidStepCount
+from app.inference.solvers import SOLVERS, InvalidStepCount
+from app.inference.torchscript import read_torchscript
+from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan, plan_multistep
-from app.planning.arrays import FloatArray
 from app.planning.plant.system import System
 from app.planning.problem import PlanningError, Problem
 from app.planning.stop import Stopped
@@ -45,7 +48,7 @@ PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
 
 @pytest.fixture
 def ticks() -> list[Tick]:
-    """What the engine told of its batches."""
+    """The batches that the engine reported."""
     return []
 
 
@@ -71,7 +74,7 @@ def store(
 
 @pytest.fixture(scope="module")
 def models(store: Path) -> ModelStore:
-    return ModelStore.load(store, torch.device("cpu"), RowThreads(1))
+    return ModelStore.load(store, CPU, RowThreads(1))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +83,8 @@ def scripted(store: Path, models: ModelStore) -> list[Model]:
 
     def network(name: str) -> ScriptedNetwork:
         checkpoint = (store / name / "1" / CHECKPOINT_FILE).read_bytes()
-        return ScriptedNetwork(read_torchscript(checkpoint, torch.device("cpu")), RowThreads(1))
+        script = read_torchscript(checkpoint, CPU)
+        return ScriptedNetwork(Checkpoint(script, CPU, 64, 20, 4), RowThreads(1))
 
     return [replace(model, network=network(model.manifest.name)) for model in models.models]
 
@@ -102,10 +106,10 @@ def controls(
     seed: int = 0,
     steps: int = 5,
     guidance_scale: float = 2.0,
-    sampler: str = "ddim",
+    solver: str = "ddim",
 ) -> FloatArray:
     proposal = engine.bind(model, Job(2 * rows * steps))
-    return proposal.sample(problem, noise(rows, seed), sampler, steps, guidance_scale).controls
+    return proposal.sample(problem, noise(rows, seed), solver, steps, guidance_scale).controls
 
 
 def stepped(model: Model, answers: int = 0) -> tuple[Model, Stepped]:
@@ -125,31 +129,29 @@ def together(
     return submitted
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
-def test_the_same_noise_gives_the_same_controls(engine: Engine, first: Model, sampler: str) -> None:
-    made = controls(engine, first, sampler=sampler)
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_same_noise_gives_the_same_controls(engine: Engine, first: Model, solver: str) -> None:
+    result = controls(engine, first, solver=solver)
 
-    assert made.shape == (6, 64)
-    assert made.dtype == np.float64
-    np.testing.assert_array_equal(made, controls(engine, first, sampler=sampler))
-    assert not np.array_equal(made, controls(engine, first, seed=1, sampler=sampler))
+    assert result.shape == (6, 64)
+    assert result.dtype == np.float64
+    np.testing.assert_array_equal(result, controls(engine, first, solver=solver))
+    assert not np.array_equal(result, controls(engine, first, seed=1, solver=solver))
 
 
-def test_samplers_differ(engine: Engine, first: Model) -> None:
-    assert not np.array_equal(
-        controls(engine, first), controls(engine, first, sampler="dpm_solver")
-    )
+def test_solvers_differ(engine: Engine, first: Model) -> None:
+    assert not np.array_equal(controls(engine, first), controls(engine, first, solver="dpm_solver"))
 
 
 @pytest.mark.parametrize("guidance_scale", [0.0, 1.0, 2.0, 20.0])
 @pytest.mark.parametrize(
-    ("sampler", "steps"), [("ddim", 1), ("ddim", 20), ("dpm_solver", 1), ("dpm_solver", 10)]
+    ("solver", "steps"), [("ddim", 1), ("ddim", 20), ("dpm_solver", 1), ("dpm_solver", 10)]
 )
 def test_controls_stay_within_the_limit(
-    engine: Engine, first: Model, sampler: str, steps: int, guidance_scale: float
+    engine: Engine, first: Model, solver: str, steps: int, guidance_scale: float
 ) -> None:
     result = controls(
-        engine, first, rows=32, steps=steps, guidance_scale=guidance_scale, sampler=sampler
+        engine, first, rows=32, steps=steps, guidance_scale=guidance_scale, solver=solver
     )
 
     assert np.all(np.isfinite(result))
@@ -176,16 +178,18 @@ def test_states_are_standardised_and_controls_scaled_by_the_constants_of_the_man
     tmp_path: Path, publisher: Callable[[Path], Callable[..., Path]], engine: Engine
 ) -> None:
     publish = publisher(tmp_path)
-    publish("unit", state_mean=(0.0, 0.0), state_std=(1.0, 1.0), control_scale=1.0)
-    publish("scaled", state_mean=(0.25, -0.5), state_std=(2.0, 4.0), control_scale=0.5)
-    models = engine.load(tmp_path, torch.device("cpu"))
+    unit = Conditioning.on_states((0.0, 0.0), (1.0, 1.0))
+    scaled = Conditioning.on_states((0.25, -0.5), (2.0, 4.0))
+    publish("unit", condition=unit, control_scale=1.0)
+    publish("scaled", condition=scaled, control_scale=0.5)
+    models = engine.load(tmp_path, CPU)
     # (x - mean) / std of these is the problem for the other model: powers of two, so exactly.
-    scaled = Problem(np.array([1.25, 1.5]), np.array([-0.75, -0.5]))
-    unit = Problem(np.array([0.5, 0.5]), np.array([-0.5, 0.0]))
+    far = Problem(np.array([1.25, 1.5]), np.array([-0.75, -0.5]))
+    near = Problem(np.array([0.5, 0.5]), np.array([-0.5, 0.0]))
 
     np.testing.assert_array_equal(
-        2 * controls(engine, models.find("scaled"), scaled),
-        controls(engine, models.find("unit"), unit),
+        2 * controls(engine, models.find("scaled"), far),
+        controls(engine, models.find("unit"), near),
     )
 
 
@@ -248,7 +252,7 @@ def test_a_request_of_several_samplings_shares_the_network_with_others(
 
     def make(index: int) -> tuple[FloatArray, int]:
         job = Job(len(targets) * 2 * num_candidates * steps)
-        made = plan_multistep(
+        result = plan_multistep(
             np.zeros(2),
             targets,
             System(),
@@ -259,7 +263,7 @@ def test_a_request_of_several_samplings_shares_the_network_with_others(
             engine.bind(served[index % 2], job),
             stop=job.stop,
         )
-        return made.controls, job.rows_left
+        return result.controls, job.rows_left
 
     alone = [make(index) for index in range(8)]
     with ThreadPoolExecutor(max_workers=8) as threads:
@@ -378,23 +382,23 @@ def test_a_request_that_was_stopped_before_it_began_never_reaches_the_network(
 
 
 @pytest.mark.parametrize(
-    ("told", "reason"),
+    ("failure", "reason"),
     [
-        (RAISES, "fake/1 failed: as it was told"),
+        (RAISES, "fake/1 failed: on demand"),
         (NOT_A_NUMBER, "fake/1 predicts noise that is not"),
     ],
     ids=["raises", "not finite"],
 )
 def test_what_goes_wrong_with_one_request_is_not_felt_by_those_in_its_batch(
-    engine: Engine, told: float, reason: str
+    engine: Engine, failure: float, reason: str
 ) -> None:
     model, network = stepped(fake_model(FakeNetwork(), rows_at_once=64))
-    asked = [Asked(3 + i, 6, told=told if i in (2, 4) else 0.0, seed=i) for i in range(6)]
+    asked = [Asked(3 + i, 6, failure=failure if i in (2, 4) else 0.0, seed=i) for i in range(6)]
 
     requests = together(engine, network, [(model, one) for one in asked])
 
     for request in requests:
-        if request.asked.told:
+        if request.asked.failure:
             with pytest.raises(PlanningError, match=reason):
                 assert request.controls is None
         else:
@@ -407,7 +411,7 @@ def test_a_prediction_that_is_not_finite_costs_the_others_in_its_batch_nothing(
 ) -> None:
     fake = FakeNetwork()
     model, network = stepped(fake_model(fake, rows_at_once=64))
-    bad = Asked(3, 6, told=NOT_A_NUMBER)
+    bad = Asked(3, 6, failure=NOT_A_NUMBER)
 
     requests = together(engine, network, [(model, one) for one in (bad, *many(5, seed=6, most=9))])
     for request in requests:
@@ -449,7 +453,7 @@ def test_a_bad_model_fails_its_own_requests_and_no_others(
             np.testing.assert_array_equal(request.controls, expected)
 
 
-def test_batches_are_told_and_add_up_to_the_rows_of_all_requests(
+def test_batches_are_reported_and_add_up_to_the_rows_of_all_requests(
     engine: Engine, ticks: list[Tick]
 ) -> None:
     model, network = stepped(fake_model(FakeNetwork()))
@@ -461,11 +465,11 @@ def test_batches_are_told_and_add_up_to_the_rows_of_all_requests(
     )
     for request in requests:
         request.done.exception(TIMEOUT_S)
-    # The last batch is told after its last request is done.
+    # The last batch is reported after its last request is done.
     engine.close()
 
-    for told, own in ((model, asked[::2]), (other, asked[1::2])):
-        assert sum(tick.rows for tick in ticks if tick.model is told) == sum(o.rows for o in own)
+    for one, own in ((model, asked[::2]), (other, asked[1::2])):
+        assert sum(tick.rows for tick in ticks if tick.model is one) == sum(o.rows for o in own)
     assert all(1 <= tick.rows <= ROWS_AT_ONCE for tick in ticks)
     assert all(tick.seconds > 0 for tick in ticks)
     assert {request.job.rows_left for request in requests} == {0}
@@ -476,7 +480,7 @@ def test_an_idle_engine_keeps_no_model_that_nobody_else_does() -> None:
     engine = Engine(num_threads=1)
     model = fake_model(FakeNetwork())
     network = weakref.ref(model.network)
-    for asked in (Asked(40, 8), Asked(told=NOT_A_NUMBER, steps=8), Asked(steps=99), Asked()):
+    for asked in (Asked(40, 8), Asked(failure=NOT_A_NUMBER, steps=8), Asked(steps=99), Asked()):
         submit(engine, model, asked).done.exception(TIMEOUT_S)
 
     del model
@@ -514,13 +518,13 @@ def test_a_horizon_that_the_model_was_not_trained_for_is_refused(
         engine.bind(first, Job(0)).sample(problem, noise()[:, :32], "ddim", 5, 2.0)
 
 
-@pytest.mark.parametrize(("sampler", "available"), [("ddim", 20), ("dpm_solver", 10)])
+@pytest.mark.parametrize(("solver", "available"), [("ddim", 20), ("dpm_solver", 10)])
 def test_more_steps_than_the_model_has_times_are_refused_and_the_engine_lives_on(
-    engine: Engine, first: Model, sampler: str, available: int
+    engine: Engine, first: Model, solver: str, available: int
 ) -> None:
     for steps in (0, available + 1):
         with pytest.raises(InvalidStepCount, match=f"from 1 to {available}"):
-            controls(engine, first, steps=steps, sampler=sampler)
+            controls(engine, first, steps=steps, solver=solver)
     assert controls(engine, first, steps=20).shape == (6, 64)
 
 

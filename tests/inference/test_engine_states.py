@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from app.inference.engine import Engine
 from app.inference.model_store import Model
-from app.inference.solvers import SAMPLERS
+from app.inference.solvers import SOLVERS
 from app.planning.problem import PlanningError
 from app.planning.stop import Stopped
 from tests.inference.fakes import (
@@ -111,9 +111,9 @@ class Requests(RuleBasedStateMachine):
         index=st.integers(0, MODELS - 1),
         num_candidates=st.integers(1, 30),
         steps=st.integers(1, 5),
-        sampler=st.sampled_from(list(SAMPLERS)),
+        solver=st.sampled_from(list(SOLVERS)),
         guidance_scale=st.sampled_from([0.0, 0.5, 1.0, 2.0]),
-        told=st.sampled_from([0.0, 0.0, 0.0, RAISES, NOT_A_NUMBER]),
+        failure=st.sampled_from([0.0, 0.0, 0.0, RAISES, NOT_A_NUMBER]),
         seed=st.integers(0, 9),
     )
     def ask(
@@ -121,13 +121,13 @@ class Requests(RuleBasedStateMachine):
         index: int,
         num_candidates: int,
         steps: int,
-        sampler: str,
+        solver: str,
         guidance_scale: float,
-        told: float,
+        failure: float,
         seed: int,
     ) -> None:
         model, slope = self.served[index]
-        asked = Asked(num_candidates, steps, sampler, guidance_scale, told, seed)
+        asked = Asked(num_candidates, steps, solver, guidance_scale, failure, seed)
         self.known.append(Known(submit(self.engine, model, asked), slope))
         self.settle()
 

@@ -1,28 +1,33 @@
 import hashlib
-import io
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
+from app.inference import model_store
+from app.inference.device import CPU
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
 from app.inference.model_store import Model, ModelStore, UnfitModel, UnknownModel
 from app.inference.networks.compiled import CompiledNetwork
-from app.inference.pace import SIZES
+from app.inference.networks.scripted import ScriptedNetwork
+from app.inference.pace import GUESS, SIZES, Pace
 from app.inference.row_threads import RowThreads
+from app.inference.torchscript import read_torchscript, to_torchscript
 from app.inference.verification import ModelRejected, find_versions, verify
+from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.settings import SHIPPED_MODELS
 from training.config import NetworkConfig
 from training.unet import UNet
 
-CPU = torch.device("cpu")
 THREADS = RowThreads(1)
 STIFF = System(static_friction=0.8)
+WIDE = replace(PlantRange.only(System()), static_friction=(2.0, 2.5), control_limit=(0.9, 3.0))
 
 
 class AnswersShort(torch.nn.Module):
@@ -34,19 +39,13 @@ class AddsUp(torch.nn.Module):
     """Takes its inputs into account, each and every one."""
 
     def forward(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:
-        of_row = t + torch.where(keep, condition[:, 0], 0.5)
-        return u + of_row[:, None, None]
+        summand = t + torch.where(keep, condition[:, 0], 0.5)
+        return u + summand[:, None, None]
 
 
 class Fails(torch.nn.Module):
     def forward(self, u: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:  # noqa: ARG002
         return u.reshape(-1, 7, 11)
-
-
-def script(module: torch.nn.Module) -> bytes:
-    buffer = io.BytesIO()
-    torch.jit.save(torch.jit.script(module), buffer)
-    return buffer.getvalue()
 
 
 @pytest.fixture
@@ -65,7 +64,7 @@ def assert_answers_as(model: Model, checkpoint: bytes) -> None:
     u_t, t = torch.randn(5, model.manifest.horizon, generator=generator), torch.arange(5)
     condition = torch.randn(4, generator=generator)
     keep = torch.tensor([True, False, True, False, True])
-    original = torch.jit.load(io.BytesIO(checkpoint))  # type: ignore[no-untyped-call]
+    original = read_torchscript(checkpoint, CPU)
     with torch.inference_mode():
         embedding = model.network.embed(condition)[[0, 1, 0, 1, 0]]
         torch.testing.assert_close(
@@ -103,8 +102,8 @@ def test_the_shipped_models_are_run_by_the_kernel(caplog: pytest.LogCaptureFixtu
 @pytest.mark.parametrize(
     ("network", "horizon"),
     [
-        (UNet(NetworkConfig(channels=8, time_dimension=8, condition_dimension=8)), 64),
-        (UNet(NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)), 20),
+        (UNet(NetworkConfig(channels=8, time_dimension=8, condition_dimension=8), 4), 64),
+        (UNet(NetworkConfig(channels=16, time_dimension=8, condition_dimension=8), 4), 20),
         (AddsUp(), 64),
     ],
     ids=["channels", "horizon", "layers"],
@@ -116,7 +115,7 @@ def test_a_network_that_the_kernel_cannot_run_is_run_as_it_is_with_a_warning(
     network: torch.nn.Module,
     horizon: int,
 ) -> None:
-    content = script(network)
+    content = to_torchscript(network)
     publish(content=content, horizon=horizon)
 
     (model,) = ModelStore.load(store, CPU, THREADS).models
@@ -197,7 +196,7 @@ def test_a_checkpoint_that_is_no_torchscript_is_refused(
 def test_a_network_that_does_not_do_its_job_is_refused_when_it_is_warmed_up(
     store: Path, publish: Callable[..., Path], module: torch.nn.Module
 ) -> None:
-    publish(content=script(module))
+    publish(content=to_torchscript(module))
 
     with pytest.raises(ModelRejected, match="does not run"):
         ModelStore.load(store, CPU, THREADS)
@@ -276,6 +275,43 @@ def test_a_model_whose_checkpoint_was_damaged_since_is_refused_though_it_is_load
         ModelStore.load(store, CPU, THREADS, before.models)
 
 
+def reload_untimed(store: Path, serving: list[Model]) -> ModelStore:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_store, "measure_pace", lambda *_: pytest.fail("timed a network"))
+        return ModelStore.load(store, CPU, THREADS, serving)
+
+
+def test_a_model_that_comes_while_others_serve_takes_over_the_pace_of_one_like_it(
+    store: Path, publish: Callable[..., Path], other_checkpoint: bytes
+) -> None:
+    publish("scripted", horizon=20)
+    publish("serving")
+    before = ModelStore.load(store, CPU, THREADS).models
+    paced = [replace(model, pace=Pace(16 + i, 1e-5)) for i, model in enumerate(before)]
+    publish("new", content=other_checkpoint)
+
+    after = reload_untimed(store, paced)
+
+    assert isinstance(after.find("scripted").network, ScriptedNetwork)
+    assert after.find("new").pace == after.find("serving").pace == Pace(17, 1e-5)
+
+
+def test_a_model_unlike_those_that_serve_gets_a_guess_and_is_not_timed(
+    store: Path, publish: Callable[..., Path]
+) -> None:
+    publish("serving")
+    serving = ModelStore.load(store, CPU, THREADS).models
+    wide = UNet(NetworkConfig(channels=32, time_dimension=8, condition_dimension=8), 4)
+    publish("wider", content=to_torchscript(wide))
+    publish("longer", horizon=32)
+    publish("scripted", horizon=20)
+
+    after = reload_untimed(store, serving)
+
+    assert {after.find(name).pace for name in ("wider", "longer", "scripted")} == {GUESS}
+    assert {model.pace for model in reload_untimed(store, []).models} == {GUESS}
+
+
 def test_a_model_comes_with_its_pace(store: Path, publish: Callable[..., Path]) -> None:
     publish()
 
@@ -294,7 +330,8 @@ def several(
     publish("nominal", 1)
     publish("nominal", 2, horizon=32)
     publish("nominal", 10)
-    publish("stiff", 1, system=STIFF)
+    publish("stiff", 1, plants=PlantRange.only(STIFF))
+    publish("wide", 1, plants=WIDE)
     publish("zeta", 1)
     return ModelStore.load(store, CPU, THREADS)
 
@@ -305,6 +342,7 @@ def test_models_and_versions_live_side_by_side(several: ModelStore) -> None:
         "nominal/2",
         "nominal/10",
         "stiff/1",
+        "wide/1",
         "zeta/1",
     }
 
@@ -336,26 +374,37 @@ def test_an_unknown_model_is_refused_and_those_that_exist_are_named(
     assert all(model.label in message for model in several.models)
 
 
-def test_the_model_that_fits_the_plant_and_horizon_is_found(several: ModelStore) -> None:
-    assert several.fitting(System(), 64).label == "nominal/10"
-    assert several.fitting(System(), 32).label == "nominal/2"
-    assert several.fitting(STIFF, 64).label == "stiff/1"
+@pytest.mark.parametrize(
+    ("system", "horizon", "label"),
+    [
+        (System(), 64, "nominal/10"),
+        (System(), 32, "nominal/2"),
+        (STIFF, 64, "stiff/1"),
+        (System(static_friction=2.0), 64, "wide/1"),
+        (System(static_friction=2.3, control_limit=3.0), 64, "wide/1"),
+    ],
+)
+def test_the_first_model_that_covers_plant_and_horizon_is_found(
+    several: ModelStore, system: System, horizon: int, label: str
+) -> None:
+    assert several.covering(system, horizon).label == label
 
 
 @pytest.mark.parametrize(
     ("system", "horizon"),
     [(System(), 65), (STIFF, 32), (System(static_friction=0.7000001), 64)],
 )
-def test_where_no_model_fits_those_that_exist_are_named(
+def test_where_no_model_covers_it_those_that_exist_are_named_with_what_they_cover(
     several: ModelStore, system: System, horizon: int
 ) -> None:
     with pytest.raises(UnfitModel) as refusal:
-        several.fitting(system, horizon)
+        several.covering(system, horizon)
 
     message = str(refusal.value)
     assert str(horizon) in message
     assert str(system.static_friction) in message
-    assert all(model.label in message for model in several.models)
+    for model in several.models:
+        assert f"{model.label} for plants with {model.manifest.plants}" in message
 
 
 def test_an_empty_store_says_that_there_are_none(store: Path) -> None:
@@ -364,4 +413,4 @@ def test_an_empty_store_says_that_there_are_none(store: Path) -> None:
     with pytest.raises(UnknownModel, match="there are: none"):
         models.find("tiny")
     with pytest.raises(UnfitModel, match="there are: none"):
-        models.fitting(System(), 64)
+        models.covering(System(), 64)

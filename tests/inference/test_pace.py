@@ -7,11 +7,12 @@ import torch
 from torch import Tensor
 
 from app.inference import pace
+from app.inference.device import CPU
 from app.inference.pace import OVERHEAD_SECONDS, REPETITIONS, SIZES, measure_pace
 
 
 class Clocked:
-    """A network that takes as long as it is told."""
+    """A network that takes so many seconds for a batch."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: Callable[[int], float]) -> None:
         self.now = 0.0
@@ -51,11 +52,11 @@ def test_the_fewest_rows_are_taken_with_which_a_row_takes_about_the_least_time(
 ) -> None:
     network = Clocked(monkeypatch, seconds)
 
-    found = measure_pace(network, 24, torch.device("cpu"))
+    measured = measure_pace(network, 4, 24, CPU)
 
-    assert found.rows_at_once == rows_at_once
+    assert measured.rows_at_once == rows_at_once
     expected = (seconds(rows_at_once) + OVERHEAD_SECONDS) / rows_at_once
-    assert found.seconds_per_row == pytest.approx(expected)
+    assert measured.seconds_per_row == pytest.approx(expected)
     assert sorted(network.rows) == sorted(SIZES * REPETITIONS)
 
 
@@ -65,7 +66,7 @@ def test_a_hiccup_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
 
     network = Clocked(monkeypatch, seconds)
 
-    found = measure_pace(network, 24, torch.device("cpu"))
+    measured = measure_pace(network, 4, 24, CPU)
 
-    assert found.rows_at_once == 16
-    assert found.seconds_per_row == pytest.approx(0.001, rel=0.02)
+    assert measured.rows_at_once == 16
+    assert measured.seconds_per_row == pytest.approx(0.001, rel=0.02)

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -83,6 +83,29 @@ def test_an_exception_reaches_the_caller_and_the_threads_live_on(in_helper: bool
         assert times_worked_on(threads, 100) == [1] * 100
         # And still two of them.
         threads.share(16, together(lambda: None))
+
+
+def test_a_lent_core_has_no_helper_until_it_is_given_back() -> None:
+    with row_threads(2) as threads:
+        workers = set()
+        with threads.lend():
+            assert threads.lent == 1
+            threads.share(100, lambda _: workers.add(threading.current_thread()))
+        assert workers == {threading.current_thread()}
+        assert threads.lent == 0
+        threads.share(16, together(lambda: None))
+
+
+def test_cores_are_lent_and_given_back_from_any_thread_and_after_any_end() -> None:
+    def lend(turn: int) -> None:
+        with suppress(ArithmeticError), threads.lend():
+            assert threads.lent >= 1
+            if turn % 2:
+                raise ArithmeticError
+
+    with row_threads(3) as threads, ThreadPoolExecutor(8) as borrowers:
+        list(borrowers.map(lend, range(2000)))
+        assert threads.lent == 0
 
 
 def test_callers_at_once_do_not_mix() -> None:

@@ -11,15 +11,15 @@ from torch import Tensor
 
 from app.inference.job import Job
 from app.inference.sampling import Sampling
-from app.inference.solvers import SAMPLERS, InvalidStepCount
+from app.inference.solvers import SOLVERS, InvalidStepCount
 from app.planning.arrays import FloatArray
 from app.planning.problem import PlanningError
 from tests.inference.fakes import HORIZON, TIMESTEPS, Asked, FakeNetwork, fake_model
 
-every_sampler = pytest.mark.parametrize("sampler", SAMPLERS)
+every_solver = pytest.mark.parametrize("solver", SOLVERS)
 
 
-class Told:
+class TellsConditionsApart:
     """A network that answers 1 for rows with their condition and 10 for rows without."""
 
     def __init__(self) -> None:
@@ -45,9 +45,9 @@ def finish(sampling: Sampling, portions: Sequence[int] = ()) -> FloatArray:
 
 
 def expected(asked: Asked, factor: float, scale: float) -> FloatArray:
-    """Return what the sampler makes of predictions that are `factor` times its own sequence."""
-    alphas = fake_model(Told()).manifest.alphas_cumprod
-    times, solve = SAMPLERS[asked.sampler]
+    """Return what the solver makes of predictions that are `factor` times its own sequence."""
+    alphas = fake_model(TellsConditionsApart()).manifest.alphas_cumprod
+    times, solve = SOLVERS[asked.solver]
     steps = solve(
         torch.tensor(asked.noise, dtype=torch.float32), times(TIMESTEPS, asked.steps), alphas
     )
@@ -60,17 +60,17 @@ def expected(asked: Asked, factor: float, scale: float) -> FloatArray:
             return controls.double().numpy() * scale
 
 
-@every_sampler
+@every_solver
 @pytest.mark.parametrize(
     ("guidance_scale", "with_condition"), [(1.0, True), (0.0, False)], ids=["one", "nought"]
 )
 def test_guidance_of_one_or_nought_asks_for_one_prediction_of_each_candidate(
-    sampler: str, guidance_scale: float, with_condition: bool
+    solver: str, guidance_scale: float, with_condition: bool
 ) -> None:
-    network = Told()
-    asked = Asked(3, 4, sampler, guidance_scale)
+    network = TellsConditionsApart()
+    asked = Asked(3, 4, solver, guidance_scale)
 
-    controls = finish(asked.of(fake_model(network, scale=0.5)))
+    controls = finish(asked.sampling(fake_model(network, scale=0.5)))
 
     (condition,) = network.embedded
     for u_t, _, embedding in network.calls:
@@ -81,15 +81,15 @@ def test_guidance_of_one_or_nought_asks_for_one_prediction_of_each_candidate(
     np.testing.assert_allclose(controls, expected(asked, answer, 0.5), rtol=0, atol=1e-6)
 
 
-@every_sampler
+@every_solver
 @pytest.mark.parametrize("guidance_scale", [0.5, 2.0, 7.5])
 def test_guidance_weighs_the_prediction_with_the_condition_and_that_without(
-    sampler: str, guidance_scale: float
+    solver: str, guidance_scale: float
 ) -> None:
-    network = Told()
-    asked = Asked(3, 4, sampler, guidance_scale)
+    network = TellsConditionsApart()
+    asked = Asked(3, 4, solver, guidance_scale)
 
-    controls = finish(asked.of(fake_model(network, scale=0.5)))
+    controls = finish(asked.sampling(fake_model(network, scale=0.5)))
 
     (condition,) = network.embedded
     for u_t, _, embedding in network.calls:
@@ -102,15 +102,13 @@ def test_guidance_weighs_the_prediction_with_the_condition_and_that_without(
     np.testing.assert_allclose(controls, expected(asked, answer, 0.5), rtol=0, atol=1e-5)
 
 
-@every_sampler
+@every_solver
 @pytest.mark.parametrize(("scale", "rows"), [(0.0, 3), (1.0, 3), (2.0, 6)])
-def test_it_embeds_once_and_asks_for_one_batch_a_step(
-    sampler: str, scale: float, rows: int
-) -> None:
-    network = Told()
-    times = SAMPLERS[sampler].times(TIMESTEPS, 7)
+def test_it_embeds_once_and_asks_for_one_batch_a_step(solver: str, scale: float, rows: int) -> None:
+    network = TellsConditionsApart()
+    times = SOLVERS[solver].times(TIMESTEPS, 7)
 
-    finish(Asked(3, 7, sampler, scale).of(fake_model(network)))
+    finish(Asked(3, 7, solver, scale).sampling(fake_model(network)))
 
     assert len(network.embedded) == 1
     assert [t.tolist() for _, t, _ in network.calls] == [[time] * rows for time in times[:-1]]
@@ -119,18 +117,18 @@ def test_it_embeds_once_and_asks_for_one_batch_a_step(
 
 @given(
     candidates=st.integers(1, 9),
-    sampler=st.sampled_from(list(SAMPLERS)),
+    solver=st.sampled_from(list(SOLVERS)),
     guidance_scale=st.sampled_from([0.0, 1.0, 2.0]),
     portions=st.lists(st.integers(1, 20), max_size=30),
 )
 def test_the_rows_may_be_taken_in_any_portions(
-    candidates: int, sampler: str, guidance_scale: float, portions: list[int]
+    candidates: int, solver: str, guidance_scale: float, portions: list[int]
 ) -> None:
-    asked = Asked(candidates, 4, sampler, guidance_scale)
+    asked = Asked(candidates, 4, solver, guidance_scale)
     model = fake_model(FakeNetwork())
     job = Job(asked.rows)
 
-    controls = finish(asked.of(model, job), portions)
+    controls = finish(asked.sampling(model, job), portions)
 
     np.testing.assert_array_equal(controls, asked.alone(model))
     assert job.rows_left == 0
@@ -138,7 +136,7 @@ def test_the_rows_may_be_taken_in_any_portions(
 
 def test_rows_wait_until_they_are_predicted() -> None:
     job = Job(rows_left=100)
-    sampling = Asked(num_candidates=4, steps=2, guidance_scale=2.0).of(
+    sampling = Asked(num_candidates=4, steps=2, guidance_scale=2.0).sampling(
         fake_model(FakeNetwork()), job
     )
 
@@ -156,7 +154,9 @@ def test_rows_wait_until_they_are_predicted() -> None:
 def test_a_prediction_that_is_not_finite_is_refused_by_the_name_of_its_model(
     value: float, row: int
 ) -> None:
-    sampling = Asked(num_candidates=4, guidance_scale=1.0).of(fake_model(FakeNetwork(), "broken"))
+    sampling = Asked(num_candidates=4, guidance_scale=1.0).sampling(
+        fake_model(FakeNetwork(), "broken")
+    )
     predictions = torch.zeros_like(sampling.take(4).u_t)
     predictions[row, 5] = value
 
@@ -164,12 +164,12 @@ def test_a_prediction_that_is_not_finite_is_refused_by_the_name_of_its_model(
         sampling.give(predictions)
 
 
-@pytest.mark.parametrize(("sampler", "steps"), [("ddim", 41), ("dpm_solver", 20), ("ddim", 0)])
+@pytest.mark.parametrize(("solver", "steps"), [("ddim", 41), ("dpm_solver", 20), ("ddim", 0)])
 def test_more_steps_than_the_model_has_times_are_refused_at_the_start(
-    sampler: str, steps: int
+    solver: str, steps: int
 ) -> None:
     with pytest.raises(InvalidStepCount):
-        Asked(sampler=sampler, steps=steps).of(fake_model(FakeNetwork()))
+        Asked(solver=solver, steps=steps).sampling(fake_model(FakeNetwork()))
 
 
 def test_the_controls_are_scaled_and_the_noise_is_left_alone() -> None:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from app.inference.solvers import (
     CLEAN,
-    SAMPLERS,
+    SOLVERS,
     InvalidStepCount,
     Steps,
     ddim,
@@ -33,7 +33,7 @@ every_solver = pytest.mark.parametrize("solve", [ddim, dpm_solver])
 
 
 def run(solve: Solver, predict_noise: NoisePredictor, *args: Any, **options: Any) -> Tensor:
-    """Give a sampler all the predictions that it asks for; return its controls."""
+    """Give a solver all the predictions that it asks for; return its controls."""
     steps = solve(*args, **options)
     asked = next(steps)
     while True:
@@ -218,9 +218,9 @@ def test_dpm_solver_is_linear_in_the_offsets_and_recovers_the_spread_of_the_data
     def factor(steps: int) -> float:
         predict_noise = optimal_denoiser(MEAN, STD)
         controls = run(dpm_solver, predict_noise, noise, even_times(T, steps), ALPHAS, UNBOUNDED)
-        found = float((controls[0, 0] - MEAN) / offsets[0, 0])
-        torch.testing.assert_close(controls, MEAN + found * offsets, rtol=1e-9, atol=1e-9)
-        return found
+        factor = float((controls[0, 0] - MEAN) / offsets[0, 0])
+        torch.testing.assert_close(controls, MEAN + factor * offsets, rtol=1e-9, atol=1e-9)
+        return factor
 
     misses = [abs(factor(steps) - STD) for steps in (10, 20, 50, 100, 200)]
     assert misses == sorted(misses, reverse=True)
@@ -267,8 +267,8 @@ def test_dpm_solver_steps_to_a_clean_sequence_extrapolated_in_the_log_ratio() ->
     assert float(result) == pytest.approx(cleans[40], rel=1e-12)
 
 
-def test_samplers_are_offered_under_their_names_with_their_times() -> None:
-    assert {name: tuple(sampler) for name, sampler in SAMPLERS.items()} == {
+def test_solvers_are_offered_under_their_names_with_their_times() -> None:
+    assert {name: tuple(solver) for name, solver in SOLVERS.items()} == {
         "ddim": (even_times, ddim),
         "dpm_solver": (middle_times, dpm_solver),
     }

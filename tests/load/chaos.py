@@ -13,12 +13,12 @@ from time import perf_counter
 
 import httpx
 
+from app.launch import ServerProcess, launch
 from tests.load.client import PROBLEM, ROUTES, Answer, Metrics, ServiceClient
 from tests.load.probe import Probes, probing
 from tests.load.reference import TOLERANCE, Likeness, Pool
 from tests.load.rubbish import GOOD, RUBBISH, SILENT_SECONDS, Rubbish, bad_bytes, send_bytes
 from tests.load.scenario import Body
-from tests.load.server import ServerProcess, server_process
 from tests.load.store import NAN, RAISES, RELOADED, ChangingStore
 from tests.load.verdict import Verdict
 
@@ -82,11 +82,15 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
         folder: empty; for the store and the service's log.
     """
     store = ChangingStore(folder)
-    with server_process(store.path, folder / "server.log") as server:
+    log_file = folder / "server.log"
+    with (
+        log_file.open("wb") as output,
+        launch("app", "serve", "--model-store", str(store.path), output=output) as server,
+    ):
         async with ServiceClient(server.url) as service:
             pool = Pool(seed, NUM_QUESTIONS, longest=seconds / 100)
             unlike = await pool.ask_all(service, store.version)
-            run = _Chaos(server, service, store, pool, seed)
+            run = _Chaos(server, log_file, service, store, pool, seed)
             await run.replace_model()
             unlike += await pool.ask_all(service, store.version)
             before = await service.metrics()
@@ -110,7 +114,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
         verdict.check("cores busy in the end", cores, IDLE_CORES)
         verdict.check("end on SIGTERM", ending, ENDING_SECONDS, "s")
         verdict.check("resident memory grew", after.memory_mb - warm.memory_mb, GROWTH_MB, "MB")
-        log = server.log.read_text()
+        log = log_file.read_text()
         verdict.check("errors in the log", sum(log.count(phrase) for phrase in NEVER_HANDLED))
         verdict.note(
             "resident memory", f"{warm.memory_mb:.0f} MB before, {after.memory_mb:.0f} MB after"
@@ -123,6 +127,7 @@ class _Chaos:
 
     Args:
         server: its process.
+        log_file: where it logs.
         service: asks it.
         store: its store.
         pool: questions whose answers are known.
@@ -132,12 +137,14 @@ class _Chaos:
     def __init__(
         self,
         server: ServerProcess,
+        log_file: Path,
         service: ServiceClient,
         store: ChangingStore,
         pool: Pool,
         seed: int,
     ) -> None:
         self._server = server
+        self._log_file = log_file
         self._service = service
         self._store = store
         self._pool = pool
@@ -267,7 +274,7 @@ class _Chaos:
         return versions == [str(self._store.version)]
 
     def _refusals(self) -> int:
-        return self._server.log.read_text().count("changed or damaged")
+        return self._log_file.read_text().count("changed or damaged")
 
 
 def _check(verdict: Verdict, tally: Tally, before: Metrics, after: Metrics, probes: Probes) -> None:

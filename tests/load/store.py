@@ -1,18 +1,16 @@
 """A model store that changes while it is served: models to load, to fail, and to refuse."""
 
 import hashlib
-import io
 import shutil
-import warnings
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
+from app.inference.torchscript import to_torchscript
 from app.settings import SHIPPED_MODELS
 from training.config import NetworkConfig
-from training.export import to_torchscript
 from training.unet import UNet
 
 SHIPPED = "dry-friction-fs0.7"
@@ -51,8 +49,8 @@ class ChangingStore:
         self.version = 1
         shipped = (SHIPPED_MODELS / SHIPPED / "1" / CHECKPOINT_FILE).read_bytes()
         self._publish(SHIPPED, 1, shipped)
-        self._publish(RAISES, 1, _script(_Raises()))
-        self._publish(NAN, 1, _script(_GivesNan()))
+        self._publish(RAISES, 1, to_torchscript(_Raises()))
+        self._publish(NAN, 1, to_torchscript(_GivesNan()))
         self._publish(RELOADED, self.version, self._weights[weights_of(self.version)])
 
     def replace(self) -> None:
@@ -97,13 +95,4 @@ def _network(seed: int) -> bytes:
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         config = NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)
-        return to_torchscript(UNet(config))
-
-
-def _script(module: torch.nn.Module) -> bytes:
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # TorchScript is the checkpoint contract; its deprecation is known and planned for.
-        warnings.filterwarnings("ignore", r".*torch\.jit\..* is deprecated", DeprecationWarning)
-        torch.jit.save(torch.jit.script(module), buffer)
-    return buffer.getvalue()
+        return to_torchscript(UNet(config, condition_size=4))

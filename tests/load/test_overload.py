@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from app.launch import launch
 from app.settings import SHIPPED_MODELS
 from tests.load.overload import overload
-from tests.load.server import server_process
 from tests.load.verdict import Verdict
 
 BUSY = 0.2
@@ -24,7 +24,10 @@ def failures(verdict: Verdict, *, in_time: bool) -> list[str]:
 
 
 def overloaded(folder: Path, seconds: float, module: str = "app") -> Verdict:
-    with server_process(SHIPPED_MODELS, folder / "server.log", module) as server:
+    with (
+        (folder / "server.log").open("wb") as log,
+        launch(module, "serve", "--model-store", str(SHIPPED_MODELS), output=log) as server,
+    ):
         verdict = asyncio.run(overload(server.url, seconds, factor=4, seed=0))
     verdict.print(Console(width=120))
     return verdict

@@ -3,10 +3,10 @@ import math
 import pytest
 from click.testing import CliRunner
 
+from app.launch import free_port
 from tests.load.__main__ import load
 from tests.load.client import Metrics
 from tests.load.verdict import Verdict, percentile
-from tests.served import free_port
 
 
 def test_a_verdict_names_what_failed() -> None:

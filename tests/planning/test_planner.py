@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, ICEM, METHODS, MPPI, ActionDiffusion, DatasetPrior, Uniform
 from app.planning.methods.base import LearnedProposal, Method
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps
 from app.planning.objectives import Objective
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_cost, plan_multistep
-from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.planning.problem import (

@@ -9,12 +9,11 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, ICEM, METHODS, MPPI, ActionDiffusion, DatasetPrior, Uniform
 from app.planning.methods.base import LearnedProposal, Method, Optimiser
-from app.planning.methods.warm_started import WarmStarted
 from app.planning.objectives import Objective
 from app.planning.planner import plan, plan_multistep
-from app.planning.arrays import FloatArray
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
 from app.planning.problem import Candidates, Cost, Problem

@@ -17,7 +17,7 @@ CPU = torch.device("cpu")
 @pytest.fixture
 def unet() -> UNet:
     torch.manual_seed(0)
-    return UNet(NetworkConfig(channels=16, time_dimension=16, condition_dimension=16))
+    return UNet(NetworkConfig(channels=16, time_dimension=16, condition_dimension=16), 4)
 
 
 @pytest.fixture

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from app.inference.conditioning import Conditioning
+from app.inference.device import CPU
 from app.planning.plant.rollout import rollout
 from training.config import TrainingConfig
-from training.dataset import Standardisation, TrainingSet, Transitions, sample_transitions
-
-CPU = torch.device("cpu")
+from training.dataset import TrainingSet, Transitions, sample_transitions, state_conditioning
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +75,10 @@ def test_states_are_standardised_over_starts_and_ends_together() -> None:
         terminal_states=np.array([[4.0, 3.0], [6.0, 3.0]]),
     )
 
-    standardisation = Standardisation.of(transitions)
+    conditioning = state_conditioning(transitions)
 
-    np.testing.assert_allclose(standardisation.mean, [3.0, 2.0])
-    np.testing.assert_allclose(standardisation.std, [np.sqrt(5.0), 1.0])
+    np.testing.assert_allclose(conditioning.mean, [3.0, 2.0, 3.0, 2.0])
+    np.testing.assert_allclose(conditioning.std, [np.sqrt(5.0), 1.0, np.sqrt(5.0), 1.0])
 
 
 def test_the_network_sees_scaled_controls_and_start_then_end_standardised() -> None:
@@ -87,16 +87,16 @@ def test_the_network_sees_scaled_controls_and_start_then_end_standardised() -> N
         initial_states=np.array([[1.0, 2.0]]),
         terminal_states=np.array([[5.0, -2.0]]),
     )
-    standardisation = Standardisation(np.array([1.0, 0.0]), np.array([2.0, 4.0]))
+    conditioning = Conditioning.on_states([1.0, 0.0], [2.0, 4.0])
 
-    prepared = TrainingSet.prepare(transitions, standardisation, 0.9, CPU)
+    prepared = TrainingSet.prepare(transitions, conditioning, 0.9, CPU)
 
     torch.testing.assert_close(prepared.controls, torch.tensor([[[1.0, -1.0, 0.5]]]))
     torch.testing.assert_close(prepared.conditions, torch.tensor([[0.0, 0.5, 2.0, -0.5]]))
 
 
 def test_a_prepared_set_is_standard_and_bounded(transitions: Transitions) -> None:
-    prepared = TrainingSet.prepare(transitions, Standardisation.of(transitions), 1.5, CPU)
+    prepared = TrainingSet.prepare(transitions, state_conditioning(transitions), 1.5, CPU)
 
     assert prepared.controls.shape == (2000, 1, 16)
     assert prepared.controls.dtype == prepared.conditions.dtype == torch.float32

@@ -1,6 +1,5 @@
 import csv
 import hashlib
-import io
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -9,15 +8,17 @@ import numpy as np
 import pytest
 import torch
 
+from app.inference.device import CPU
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
 from app.inference.model_store import ModelStore
 from app.inference.row_threads import RowThreads
+from app.inference.torchscript import read_torchscript
 from app.inference.verification import find_versions
+from app.planning.plant.plant_range import PlantRange
 from training.config import TrainingConfig
 from training.export import export, version_directory
 from training.trainer import Trainer
 
-CPU = torch.device("cpu")
 Configure = Callable[..., TrainingConfig]
 
 
@@ -65,10 +66,10 @@ def test_the_manifest_tells_what_the_service_must_know(published: Path, trainer:
     checkpoint = (published / CHECKPOINT_FILE).read_bytes()
     assert manifest.sha256 == hashlib.sha256(checkpoint).hexdigest()
     assert (manifest.name, manifest.version, manifest.horizon) == ("tiny", 1, 16)
-    assert manifest.system == trainer.config.system
+    assert manifest.plants == PlantRange.only(trainer.config.system)
+    assert manifest.format_version == 2
     assert manifest.control_scale == 0.9
-    assert manifest.state_mean == tuple(trainer.standardisation.mean)
-    assert manifest.state_std == tuple(trainer.standardisation.std)
+    assert manifest.condition == trainer.conditioning
     np.testing.assert_array_equal(manifest.alphas_cumprod, trainer.alphas_cumprod)
     assert manifest.seeds == {"training": 3}
     assert manifest.losses.validation == trainer.progress.history[-1].validation
@@ -172,9 +173,7 @@ def test_a_reader_sees_no_version_until_it_is_whole(
 
 
 def test_the_exported_file_is_a_torchscript_archive_for_the_cpu(published: Path) -> None:
-    buffer = io.BytesIO((published / CHECKPOINT_FILE).read_bytes())
-
-    script = torch.jit.load(buffer)  # type: ignore[no-untyped-call]
+    script = read_torchscript((published / CHECKPOINT_FILE).read_bytes(), CPU)
 
     assert {parameter.device.type for parameter in script.parameters()} == {"cpu"}
     assert not script.training

@@ -65,7 +65,7 @@ def test_a_configuration_becomes_a_model_that_the_service_loads(tmp_path: Path) 
     log = (directory / "training.log").read_text()
     assert re.search(r"step 6/6 training loss \d\.\d+ validation loss \d\.\d+", log)
     manifest = Manifest.read(directory / "manifest.json")
-    assert manifest.system.static_friction == 0.8
+    assert manifest.plants.static_friction == (0.8, 0.8)
     assert manifest.seeds == {"training": 5}
     (model,) = ModelStore.load(tmp_path / "store", torch.device("cpu"), RowThreads(1)).models
     assert model.label == "tiny/2"

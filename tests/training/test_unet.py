@@ -1,12 +1,13 @@
-import io
 from itertools import pairwise
 
 import pytest
 import torch
 from torch import Tensor, nn
 
+from app.inference.checkpoint import Widths, parameter_shapes
+from app.inference.device import CPU
+from app.inference.torchscript import read_torchscript, to_torchscript
 from training.config import NetworkConfig
-from training.export import to_torchscript
 from training.unet import UNet, conv1d
 
 PAPER = NetworkConfig(channels=64, time_dimension=64, condition_dimension=64)
@@ -17,7 +18,7 @@ Inputs = tuple[Tensor, Tensor, Tensor, Tensor]
 
 def network(config: NetworkConfig = TINY) -> UNet:
     torch.manual_seed(0)
-    return UNet(config).eval()
+    return UNet(config, condition_size=4).eval()
 
 
 def inputs(rows: int, horizon: int = 64, keep: bool = True) -> Inputs:
@@ -67,10 +68,19 @@ def test_the_number_of_parameters_is_that_of_the_papers_table() -> None:
     time_embedding = 2 * (64 * 64 + 64)
     condition_embedding = (4 * 64 + 64) + (64 * 64 + 64) + 64  # the last 64: the null condition
 
-    total = sum(parameter.numel() for parameter in UNet(PAPER).parameters())
+    total = sum(parameter.numel() for parameter in UNet(PAPER, condition_size=4).parameters())
 
     blocks = 6 * (norms + kernels + projections)
     assert total == convolutions + blocks + time_embedding + condition_embedding == 245_889
+
+
+@pytest.mark.parametrize("condition_size", [4, 9])
+def test_the_parameters_are_those_of_the_checkpoints_layout(condition_size: int) -> None:
+    state = UNet(TINY, condition_size).state_dict()
+
+    assert {name: tuple(tensor.shape) for name, tensor in state.items()} == parameter_shapes(
+        Widths(channels=8, time_dimension=16, condition_dimension=24, condition_size=condition_size)
+    )
 
 
 @pytest.mark.parametrize("horizon", [4, 16, 32, 64])
@@ -162,7 +172,7 @@ def test_rows_are_independent_of_one_another() -> None:
 
 def test_the_exported_network_answers_as_the_original() -> None:
     unet = network()
-    script = torch.jit.load(io.BytesIO(to_torchscript(unet)))  # type: ignore[no-untyped-call]
+    script = read_torchscript(to_torchscript(unet), CPU)
 
     with torch.inference_mode():
         for rows, horizon in [(1, 64), (2, 64), (33, 64), (1, 32), (7, 32), (128, 16)]:

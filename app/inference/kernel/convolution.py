@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from app.compilation import compiled
+from app.inference.checkpoint import GROUPS
 from app.inference.kernel.matrix_product import TILE_ROWS, Floats, multiply
 from app.inference.kernel.simd import LANES, load, multiply_add, silu, spread, store
 
-GROUPS = 8
 TILE = 4
 """Outputs of a Winograd tile; a length is a whole number of them."""
 POINTS = 6

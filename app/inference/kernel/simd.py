@@ -36,8 +36,8 @@ Intrinsic = Callable[..., Any]
 
 def _intrinsic(function: Callable[..., Any]) -> Intrinsic:
     """Numba's decorator, typed: `function` returns a signature and what generates its code."""
-    made: Intrinsic = intrinsic(function)
-    return made
+    typed: Intrinsic = intrinsic(function)
+    return typed
 
 
 class Lanes(types.Type):

@@ -3,8 +3,6 @@
 Nothing here knows PyTorch.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,45 +18,10 @@ from app.inference.kernel.convolution import (
 )
 from app.inference.kernel.matrix_product import Floats, multiply
 from app.inference.kernel.simd import LANES, load, store
+from app.inference.kernel.weights import Weights
 
 LENGTH_MULTIPLE = 2 * TILE
 """Both lengths, H and H/2, are whole numbers of tiles."""
-
-
-class Weights(NamedTuple):
-    """The network's weights as the kernel reads them, float32 and contiguous.
-
-    C channels; 6 residual blocks in their order, two convolutions each. A kernel of k taps is a
-    flat (k C, C), tap by tap. The embeddings are not among them: a row brings the sum that they
-    add in each block.
-    """
-
-    input_kernel: Floats
-    """(3 C,)."""
-    input_bias: Floats
-    """(C,)."""
-    norm_scales: Floats
-    """(12, C)."""
-    norm_shifts: Floats
-    """(12, C)."""
-    block_kernels: Floats
-    """(12, 6 C C): transformed, point by point."""
-    second_biases: Floats
-    """(6, C); the first convolution's bias belongs to the embedding."""
-    downsampling_kernel: Floats
-    """(4 C C,)."""
-    downsampling_bias: Floats
-    """(C,)."""
-    upsampling_even_kernel: Floats
-    """(2 C C,): what positions 0, 2, 4 ... take from the position before and their own."""
-    upsampling_odd_kernel: Floats
-    """(2 C C,): what positions 1, 3, 5 ... take from their own position and the next."""
-    upsampling_bias: Floats
-    """(C,)."""
-    output_kernel: Floats
-    """(3 C 16,): one column and fifteen of zeros."""
-    output_bias: Floats
-    """(1,)."""
 
 
 @compiled

@@ -1,10 +1,10 @@
-"""What a network is to the engine."""
+"""What a network is to the engine, and from what one is built."""
 
+from dataclasses import dataclass
 from typing import Protocol
 
+import torch
 from torch import Tensor
-
-CONDITION_SIZE = 4
 
 
 class Network(Protocol):
@@ -18,7 +18,7 @@ class Network(Protocol):
         """Return what the network makes of a condition, once for a whole sampling.
 
         Args:
-            condition: (4,), standardised [x_0, x*].
+            condition: (C,), standardised.
 
         Returns:
             (2, E): with the condition, and with the learned null condition instead.
@@ -28,3 +28,21 @@ class Network(Protocol):
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
         """Predict the noise in `u_t` (B, H) at times `t` (B,) int64, embeddings (B, E); (B, H)."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """A checkpoint's network as it was read, and what its manifest says of its arguments."""
+
+    script: torch.jit.ScriptModule
+    """In evaluation mode."""
+    device: torch.device
+    horizon: int
+    num_timesteps: int
+    """T."""
+    condition_size: int
+    """C."""
+
+
+class UnsuitableNetwork(ValueError):
+    """The checkpoint's network is not one that this kind of network can run."""

@@ -1,21 +1,33 @@
 """The checkpoint's own TorchScript as a network: right for every one, on every device."""
 
-import warnings
-
 import torch
 from torch import Tensor
 
-from app.inference.networks.base import CONDITION_SIZE
+from app.inference.networks.base import Checkpoint
 from app.inference.row_threads import ROWS_AT_A_TIME, RowThreads
+from app.inference.torchscript import freeze
 
 
-def freeze(script: torch.jit.ScriptModule) -> torch.jit.ScriptModule:
-    """Return a network in evaluation mode as one that runs faster and has no parts."""
-    with warnings.catch_warnings():
-        # TorchScript is the checkpoint contract; its deprecation is known and planned for.
-        warnings.filterwarnings("ignore", r".*torch\.jit\..*deprecated", DeprecationWarning)
-        frozen: torch.jit.ScriptModule = torch.jit.freeze(script)
-        return frozen
+def run_script(
+    script: torch.jit.ScriptModule, u_t: Tensor, t: Tensor, condition: Tensor, keep: Tensor
+) -> Tensor:
+    """Predict the noise in `u_t` (B, H) with a checkpoint's network; (B, H).
+
+    Args:
+        script: the network.
+        u_t: noisy controls.
+        t: (B,) int64, diffusion times.
+        condition: (B, C), standardised.
+        keep: (B,) bool; False takes the null condition.
+
+    Raises:
+        RuntimeError: the network fails, or answers in the wrong shape.
+    """
+    noise: Tensor = script(u_t.unsqueeze(1), t, condition, keep)[:, 0]
+    if noise.shape != u_t.shape:
+        # Assigning it to the rows would broadcast it.
+        raise RuntimeError(f"the output has shape {tuple(noise.shape)}")
+    return noise
 
 
 class ScriptedNetwork:
@@ -26,19 +38,19 @@ class ScriptedNetwork:
     primitive for every shape that it has seen, sees one, however many rows the requests have.
 
     Args:
-        script: the checkpoint's network, in evaluation mode.
+        checkpoint: whose network this is.
         threads: share out the rows.
     """
 
-    def __init__(self, script: torch.jit.ScriptModule, threads: RowThreads) -> None:
-        self._unet = freeze(script)
+    def __init__(self, checkpoint: Checkpoint, threads: RowThreads) -> None:
+        self._unet = freeze(checkpoint.script)
         self._threads = threads
 
     def embed(self, condition: Tensor) -> Tensor:
-        """Return the condition and whether to keep it; E = 5."""
-        embedding = condition.new_zeros(2, CONDITION_SIZE + 1)
-        embedding[0, :CONDITION_SIZE] = condition
-        embedding[0, CONDITION_SIZE] = 1.0
+        """Return the condition and whether to keep it; E = C + 1."""
+        embedding = condition.new_zeros(2, len(condition) + 1)
+        embedding[0, :-1] = condition
+        embedding[0, -1] = 1.0
         return embedding
 
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
@@ -63,12 +75,7 @@ class ScriptedNetwork:
         return noise
 
     def _run(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
-        condition, keep = embedding[:, :CONDITION_SIZE], embedding[:, CONDITION_SIZE] > 0
-        noise: Tensor = self._unet(u_t.unsqueeze(1), t, condition, keep)[:, 0]
-        if noise.shape != u_t.shape:
-            # Assigning it to the rows would broadcast it.
-            raise RuntimeError(f"the output has shape {tuple(noise.shape)}")
-        return noise
+        return run_script(self._unet, u_t, t, embedding[:, :-1], embedding[:, -1] > 0)
 
 
 def _filled(rows: Tensor, count: int) -> Tensor:

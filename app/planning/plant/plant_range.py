@@ -55,7 +55,10 @@ class PlantRange(Options):
 
     def __str__(self) -> str:
         """Write each parameter as a number, or as a range."""
-        return ", ".join(
-            f"{name} {low:g}" if low == high else f"{name} {low:g} to {high:g}"
-            for name, (low, high) in asdict(self).items()
-        )
+        return ", ".join(f"{name} {in_words(bounds)}" for name, bounds in asdict(self).items())
+
+
+def in_words(bounds: Bounds) -> str:
+    """Write bounds as a range, or as a number where they are one."""
+    low, high = bounds
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

@@ -19,8 +19,8 @@ from app.evaluation.suites.plant_sensitivity import (
     changed_plant,
 )
 from app.evaluation.suites.random_targets import RandomTargets
-from app.planning.planner import plan
 from app.planning.arrays import FloatArray
+from app.planning.planner import plan
 from app.planning.problem import Problem
 from app.planning.refining.refinement import Refinement
 from app.wire.requests import PlanRequest

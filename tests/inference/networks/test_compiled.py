@@ -1,22 +1,20 @@
-"""The compiled kernel against the checkpoint that it was derived from."""
+"""Which checkpoints the compiled kernel takes, before it reads a single weight."""
 
-import io
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TypeAlias
 
 import pytest
 import torch
 from torch import Tensor, nn
 
-from app.inference.networks.base import Network
-from app.inference.networks.compiled import CompiledNetwork, UnsuitableNetwork, derive
-from app.inference.networks.scripted import ScriptedNetwork
+from app.inference.networks.base import UnsuitableNetwork
+from app.inference.networks.compiled import CompiledNetwork
+from app.inference.networks.scripted import run_script
 from app.inference.row_threads import RowThreads
-from training.config import NetworkConfig
-from training.export import to_torchscript
-from training.unet import UNet
+from tests.inference.networks.conftest import CONDITION_SIZE, RandomUNet, Read
+from training.unet import ConditionEmbedding, UNet
 
-TIMES = 20
 THREADS = RowThreads(1)
 
 Change: TypeAlias = Callable[[UNet], object]
@@ -28,93 +26,27 @@ def no_gradients() -> Iterator[None]:
         yield
 
 
-def random_unet(channels: int = 16) -> UNet:
-    """A network none of whose parameters has kept the value that it starts from."""
-    torch.manual_seed(channels)
-    unet = UNet(NetworkConfig(channels=channels, time_dimension=12, condition_dimension=20))
-    for parameter in unet.parameters():
-        parameter.add_(0.1 * torch.randn_like(parameter))
-    return unet
-
-
-def scripted(unet: nn.Module) -> torch.jit.ScriptModule:
-    checkpoint = io.BytesIO(to_torchscript(unet))  # type: ignore[arg-type]
-    script: torch.jit.ScriptModule = torch.jit.load(checkpoint)  # type: ignore[no-untyped-call]
-    return script
-
-
-def derived(unet: nn.Module, horizon: int = 16) -> CompiledNetwork:
-    script = scripted(unet)
-    return derive(script, ScriptedNetwork(script, THREADS), horizon, TIMES, THREADS)
-
-
-def rows(network: Network, horizon: int = 64) -> tuple[Tensor, Tensor, Tensor]:
-    """Controls, times and embeddings of 37 rows: four conditions, each of them also left out."""
-    generator = torch.Generator().manual_seed(horizon)
-    u_t = torch.randn(37, horizon, generator=generator)
-    t = torch.randint(TIMES, (37,), generator=generator)
-    embedding = torch.cat([network.embed(c) for c in torch.randn(4, 4, generator=generator)])
-    return u_t, t, embedding[torch.randint(8, (37,), generator=generator)]
-
-
-def predicted(network: Network, horizon: int = 64) -> Tensor:
-    return network.predict(*rows(network, horizon))
-
-
-@pytest.mark.parametrize("channels", [16, 32, 64, 80])
-def test_it_predicts_what_the_checkpoint_does(channels: int) -> None:
-    script = scripted(random_unet(channels))
-    network = CompiledNetwork(script, TIMES, THREADS)
-
-    for horizon in (8, 16, 24, 40, 64):
-        expected = predicted(ScriptedNetwork(script, THREADS), horizon)
-
-        assert expected.std() > 0.1
-        torch.testing.assert_close(predicted(network, horizon), expected, rtol=0, atol=1e-4)
-
-
-def test_a_row_is_the_same_to_the_last_bit_alone_and_in_company() -> None:
-    network = CompiledNetwork(scripted(random_unet()), TIMES, THREADS)
-    u_t, t, embedding = rows(network)
-    together = network.predict(u_t, t, embedding)
-
-    for row in range(37):
-        part = slice(row, row + 1)
-        assert torch.equal(network.predict(u_t[part], t[part], embedding[part]), together[part])
-
-
-def test_rows_are_the_same_to_the_last_bit_on_any_number_of_threads() -> None:
-    script = scripted(random_unet())
-    expected = predicted(CompiledNetwork(script, TIMES, THREADS))
-
-    for num_threads in (2, 3, 5):
-        threads = RowThreads(num_threads)
-        assert torch.equal(predicted(CompiledNetwork(script, TIMES, threads)), expected)
-        threads.close()
-
-
-def test_a_suitable_network_is_derived() -> None:
-    unet = random_unet()
-
-    for horizon in (8, 24, 64):
-        torch.testing.assert_close(
-            predicted(derived(unet, horizon), horizon),
-            predicted(ScriptedNetwork(scripted(unet), THREADS), horizon),
-            rtol=0,
-            atol=1e-4,
-        )
-
-
 @pytest.mark.parametrize("horizon", [4, 20, 62])
-def test_a_horizon_that_is_no_whole_number_of_tiles_is_refused(horizon: int) -> None:
+def test_a_horizon_that_is_no_whole_number_of_tiles_is_refused(
+    horizon: int, random_unet: RandomUNet, read: Read
+) -> None:
     with pytest.raises(UnsuitableNetwork, match=f"horizon {horizon} is not a multiple of 8"):
-        derived(random_unet(), horizon)
+        CompiledNetwork(read(random_unet(), horizon), THREADS)
 
 
 @pytest.mark.parametrize("channels", [8, 24])
-def test_channels_that_do_not_fill_the_lanes_are_refused(channels: int) -> None:
+def test_channels_that_do_not_fill_the_lanes_are_refused(
+    channels: int, random_unet: RandomUNet, read: Read
+) -> None:
     with pytest.raises(UnsuitableNetwork, match=f"{channels} channels, not a multiple of 16"):
-        derived(random_unet(channels))
+        CompiledNetwork(read(random_unet(channels)), THREADS)
+
+
+def test_a_gpu_is_not_for_the_kernel(random_unet: RandomUNet, read: Read) -> None:
+    checkpoint = replace(read(random_unet()), device=torch.device("cuda"))
+
+    with pytest.raises(UnsuitableNetwork, match="for CPUs"):
+        CompiledNetwork(checkpoint, THREADS)
 
 
 class OtherLayers(nn.Module):
@@ -127,9 +59,9 @@ class OtherLayers(nn.Module):
         return noise
 
 
-def test_other_layers_are_refused() -> None:
+def test_other_layers_are_refused(read: Read) -> None:
     with pytest.raises(UnsuitableNetwork, match="not those of Table 1"):
-        derived(OtherLayers())
+        CompiledNetwork(read(OtherLayers()), THREADS)
 
 
 def widen_block_kernels(unet: UNet) -> None:
@@ -163,49 +95,53 @@ def narrow_an_embedding(unet: UNet) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("change", "parameter"),
     [
-        (widen_block_kernels, "not those of Table 1"),
-        (widen_one_kernel, "not those of Table 1"),
-        (widen_input, "input_kernel is "),
-        (narrow_downsampling, "downsampling_kernel is "),
-        (narrow_upsampling, "not those of Table 1"),
+        (widen_block_kernels, "encoder1.conv1.weight"),
+        (widen_one_kernel, "encoder2.conv1.weight"),
+        (widen_input, "input.weight"),
+        (narrow_downsampling, "downsampling.weight"),
+        (narrow_upsampling, "upsampling.weight"),
         (leave_out_a_bias, "output.bias"),
-        (narrow_an_embedding, "embeddings add to "),
+        (narrow_an_embedding, "bottleneck1.condition_projection.weight"),
     ],
 )
-def test_layers_of_other_sizes_are_refused(change: Change, reason: str) -> None:
+def test_layers_of_other_sizes_are_refused(
+    change: Change, parameter: str, random_unet: RandomUNet, read: Read
+) -> None:
     """Before the kernel, which checks no bounds, reads a single weight."""
     unet = random_unet()
     change(unet)
-    assert torch.all(torch.isfinite(predicted(ScriptedNetwork(scripted(unet), THREADS))))
+    checkpoint = read(unet, horizon=16)
+    noise = run_script(
+        checkpoint.script,
+        torch.zeros(2, 16),
+        torch.zeros(2, dtype=torch.int64),
+        torch.zeros(2, CONDITION_SIZE),
+        torch.tensor([True, False]),
+    )
+    assert torch.all(torch.isfinite(noise))
 
-    with pytest.raises(UnsuitableNetwork, match=reason):
-        derived(unet)
+    with pytest.raises(UnsuitableNetwork, match=f"not those of Table 1: {parameter} is"):
+        CompiledNetwork(checkpoint, THREADS)
 
 
-def activate_otherwise(unet: UNet) -> None:
-    unet.decoder2.activation = nn.ReLU()  # type: ignore[assignment]
+class Repeated(nn.Module):
+    """A condition embedding with the same parameters, that embeds every row twice."""
+
+    def __init__(self, embedding: ConditionEmbedding) -> None:
+        super().__init__()
+        self.mlp = embedding.mlp
+        self.null = embedding.null
+
+    def forward(self, condition: Tensor, keep_condition: Tensor) -> Tensor:
+        embedding: Tensor = torch.where(keep_condition.unsqueeze(1), self.mlp(condition), self.null)
+        return embedding.repeat(2, 1)
 
 
-def group_otherwise(unet: UNet) -> None:
-    unet.bottleneck1.norm2 = nn.GroupNorm(4, 16)
-
-
-@pytest.mark.parametrize(
-    "change", [activate_otherwise, group_otherwise], ids=lambda change: change.__name__
-)
-def test_the_same_sizes_that_compute_something_else_are_refused(change: Change) -> None:
+def test_embeddings_of_another_shape_are_refused(random_unet: RandomUNet, read: Read) -> None:
     unet = random_unet()
-    change(unet)
+    unet.condition_embedding = Repeated(unet.condition_embedding)  # type: ignore[assignment]
 
-    with pytest.raises(UnsuitableNetwork, match="from its own"):
-        derived(unet)
-
-
-def test_a_network_that_gives_nan_is_refused() -> None:
-    unet = random_unet()
-    nn.init.constant_(unet.output.bias, torch.nan)  # type: ignore[arg-type]
-
-    with pytest.raises(UnsuitableNetwork, match="nan from its own"):
-        derived(unet)
+    with pytest.raises(UnsuitableNetwork, match="embeddings do not add to every channel"):
+        CompiledNetwork(read(unet), THREADS)

@@ -4,8 +4,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.planning.methods import ActionDiffusion
 from app.planning.arrays import FloatArray
+from app.planning.methods import ActionDiffusion
 from app.planning.problem import Candidates, Cost, Problem
 
 PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]), horizon=48)

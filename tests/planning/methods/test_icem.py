@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, ICEM, Uniform, icem
 from app.planning.methods.base import Method, Scored, score
 from app.planning.methods.icem import coloured_noise
 from app.planning.plan import Plan
 from app.planning.planner import plan
-from app.planning.arrays import FloatArray
 from app.planning.plant.system import System
 from app.planning.problem import Cost, Problem
 

@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.planning.arrays import FloatArray
 from app.planning.methods import MPPI, Uniform, mppi
 from app.planning.methods.base import Method, Scored, score
 from app.planning.methods.mppi import moving_average, path_integral_weights
 from app.planning.plan import Plan
 from app.planning.planner import plan
-from app.planning.arrays import FloatArray
 from app.planning.plant.system import System
 from app.planning.problem import Cost, Problem
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, ICEM, MPPI, OPTIMISERS, ActionDiffusion, DatasetPrior, Started
 from app.planning.methods.base import LearnedProposal, Method, Optimiser, score
 from app.planning.plan import Plan
 from app.planning.planner import plan
-from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import rollout
 from app.planning.problem import Candidates, Cost, PlanningError, Problem
 from app.planning.stop import NEVER, Stop

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.planning.objectives import Objective
 from app.planning.arrays import FloatArray
+from app.planning.objectives import Objective
 from app.planning.plant.rollout import rollout
 from app.planning.prior import ControlPrior
 from app.planning.problem import Problem

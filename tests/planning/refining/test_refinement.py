@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.planning.arrays import FloatArray
 from app.planning.metrics import control_energy, control_smoothness, terminal_error
 from app.planning.objectives import TOLERANCE, Objective, best_candidate
-from app.planning.plant.sensitivity import terminal_jacobian
-from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import rollout, step
+from app.planning.plant.sensitivity import terminal_jacobian
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
 from app.planning.problem import Problem

@@ -1,6 +1,5 @@
 """The reference is the checkpoint's equal, so that what it is compared with is the same."""
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,10 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from app.benchmark.paper_sampler import PaperUNet, sample
+from app.benchmark.reference import PaperNetwork, Reference
+from app.inference.device import CPU
 from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.model_store import ModelStore
+from app.inference.torchscript import read_torchscript
 from app.inference.verification import verify
 from app.planning.methods import ActionDiffusion
 from app.planning.problem import Problem
@@ -22,10 +23,7 @@ PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
 @pytest.fixture(scope="module")
 def script(model_store: Path) -> torch.jit.ScriptModule:
     _, checkpoint = verify(model_store / "tiny" / "1")
-    script: torch.jit.ScriptModule = torch.jit.load(  # type: ignore[no-untyped-call]
-        io.BytesIO(checkpoint)
-    )
-    return script
+    return read_torchscript(checkpoint, CPU)
 
 
 @pytest.fixture
@@ -37,7 +35,7 @@ def engine() -> Iterator[Engine]:
 
 @pytest.fixture
 def models(engine: Engine, model_store: Path) -> ModelStore:
-    return engine.load(model_store, torch.device("cpu"))
+    return engine.load(model_store, CPU)
 
 
 @torch.inference_mode()
@@ -47,30 +45,25 @@ def test_the_network_is_that_of_the_checkpoint(script: torch.jit.ScriptModule) -
     t = torch.tensor([0, 1, 50, 100, 150, 199])
     conditions = torch.randn(6, 4, generator=generator)
     keep = torch.ones(6, dtype=torch.bool)
-    unet = PaperUNet(script.state_dict())
+    network = PaperNetwork(script.state_dict())
 
     for given, kept in ((conditions, keep), (None, ~keep)):
         torch.testing.assert_close(
-            unet(u_t, t, given), script(u_t, t, conditions, kept), rtol=0, atol=1e-5
+            network(u_t, t, given), script(u_t, t, conditions, kept), rtol=0, atol=1e-5
         )
 
 
 def test_the_engine_samples_the_same_controls_with_the_setting_of_the_paper(
-    script: torch.jit.ScriptModule, engine: Engine, models: ModelStore
+    model_store: Path, engine: Engine, models: ModelStore
 ) -> None:
     model = models.find("tiny")
     noise = np.random.default_rng(3).standard_normal((5, 64))
-    reference = sample(
-        PaperUNet(script.state_dict()),
-        model.manifest,
-        model.condition(PROBLEM),
-        torch.tensor(noise, dtype=torch.float32),
-    )
+    manifest, checkpoint = verify(model_store / "tiny" / "1")
+    expected = Reference(checkpoint, manifest).sample(PROBLEM, noise)
 
     method = ActionDiffusion(sampler="paper")
     proposal = engine.bind(model, Job(5 * method.cost(5).network_evaluations))
     controls = method.propose(PROBLEM, 5, np.random.default_rng(3), proposal).controls
 
-    expected = reference.numpy() * model.manifest.control_scale
     assert expected.std() > 0.1
     np.testing.assert_allclose(controls, expected, rtol=0, atol=1e-4)

@@ -1,0 +1,69 @@
+"""Which plant and model a request means."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+
+from app.inference.engine import Engine
+from app.inference.model_store import Model, ModelStore, UnfitModel
+from app.planning.plant.plant_range import PlantRange
+from app.planning.plant.system import System
+from app.serving.rates import Rates
+from app.serving.service import PlanningService
+from app.settings import Settings
+from app.wire.requests import PlanRequest
+from tests.inference.fakes import HORIZON, FakeNetwork, fake_model
+
+STIFF = replace(PlantRange.only(System()), static_friction=(1.0, 2.0), control_limit=(0.5, 3.0))
+
+
+def with_plants(name: str, plants: PlantRange) -> Model:
+    model = fake_model(FakeNetwork(), name)
+    return replace(model, manifest=model.manifest.model_copy(update={"plants": plants}))
+
+
+@pytest.fixture
+def service() -> Iterator[PlanningService]:
+    engine = Engine(num_threads=1)
+    models = [with_plants("nominal", PlantRange.only(System())), with_plants("stiff", STIFF)]
+    yield PlanningService(Settings(), ModelStore(models), engine, Rates())
+    engine.close()
+
+
+def request(**fields: object) -> PlanRequest:
+    body = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "action_diffusion"}
+    return PlanRequest.model_validate(body | fields)
+
+
+def test_a_request_that_names_a_model_alone_is_for_the_plant_of_its_range_nearest_the_default(
+    service: PlanningService,
+) -> None:
+    task = service.resolve(request(model="stiff"))
+
+    assert task.system == System(static_friction=1.0)
+    assert task.horizon == HORIZON
+    assert service.resolve(request(model="nominal")).system == System()
+
+
+@pytest.mark.parametrize("friction", [1.0, 1.7, 2.0])
+def test_a_plant_within_the_range_of_a_model_is_planned_for_with_it(
+    service: PlanningService, friction: float
+) -> None:
+    task = service.resolve(request(system={"static_friction": friction}, horizon=HORIZON))
+
+    assert task.work.model is not None
+    assert task.work.model.label == "stiff/1"
+    assert task.system == System(static_friction=friction)
+
+
+@pytest.mark.parametrize("fields", [{"system": {"static_friction": 2.1}}, {"horizon": 64}])
+def test_what_the_named_model_does_not_cover_is_refused_with_what_it_covers(
+    service: PlanningService, fields: dict[str, object]
+) -> None:
+    with pytest.raises(UnfitModel) as refusal:
+        service.resolve(request(model="stiff", **fields))
+
+    assert str(refusal.value) == (
+        f"stiff/1 was trained for plants with {STIFF}, and horizon {HORIZON}"
+    )

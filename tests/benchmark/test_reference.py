@@ -14,7 +14,7 @@ from app.inference.job import Job
 from app.inference.model_store import ModelStore
 from app.inference.torchscript import read_torchscript
 from app.inference.verification import verify
-from app.planning.methods import ActionDiffusion
+from app.planning.methods import ActionDiffusion, Learned
 from app.planning.problem import Problem
 
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
@@ -63,7 +63,7 @@ def test_the_engine_samples_the_same_controls_with_the_setting_of_the_paper(
 
     method = ActionDiffusion(sampler="paper")
     proposal = engine.bind(model, Job(5 * method.cost(5).network_evaluations))
-    controls = method.propose(PROBLEM, 5, np.random.default_rng(3), proposal).controls
+    controls = Learned(method, proposal).propose(PROBLEM, 5, np.random.default_rng(3)).controls
 
     assert expected.std() > 0.1
     np.testing.assert_allclose(controls, expected, rtol=0, atol=1e-4)

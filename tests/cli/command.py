@@ -8,7 +8,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from app.cli import breakaway
-from tests.served import COLD_START_SECONDS
+from app.launch import START_SECONDS
 
 
 def run(*arguments: str, cwd: Path, store: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -21,7 +21,7 @@ def run(*arguments: str, cwd: Path, store: Path | None = None) -> subprocess.Com
         capture_output=True,
         text=True,
         check=False,
-        timeout=COLD_START_SECONDS,
+        timeout=START_SECONDS,
     )
 
 

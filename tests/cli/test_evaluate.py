@@ -7,10 +7,11 @@ import pytest
 
 from app.cli import evaluate
 from app.evaluation.suites import SUITES
+from app.launch import free_port
 from app.main import create_app
 from app.settings import Settings
 from tests.cli.command import invoke, run
-from tests.served import free_port, running
+from tests.served import running
 
 
 def test_a_quick_evaluation_says_where_its_report_is(model_store: Path, tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from app.launch import START_SECONDS, free_port
 from tests.cli.command import invoke, run
-from tests.served import COLD_START_SECONDS, free_port
 
 
 def test_a_tampered_model_is_not_served(tampered_store: Path, tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_it_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> Non
         subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=log) as server,
     ):
         try:
-            deadline = time.monotonic() + COLD_START_SECONDS
+            deadline = time.monotonic() + START_SECONDS
             while not _is_ready(port):
                 assert time.monotonic() < deadline
                 assert server.poll() is None

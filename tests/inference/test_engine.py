@@ -24,10 +24,11 @@ from app.inference.row_threads import RowThreads
 from app.inference.solvers import SOLVERS, InvalidStepCount
 from app.inference.torchscript import read_torchscript
 from app.planning.arrays import FloatArray
-from app.planning.methods import ActionDiffusion
+from app.planning.methods import ActionDiffusion, Learned
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import PlanningError, Problem
+from app.planning.recipe import Recipe
 from app.planning.stop import Stopped
 from tests.inference.fakes import (
     NOT_A_NUMBER,
@@ -252,16 +253,13 @@ def test_a_request_of_several_samplings_shares_the_network_with_others(
 
     def make(index: int) -> tuple[FloatArray, int]:
         job = Job(len(targets) * 2 * num_candidates * steps)
+        proposal = engine.bind(served[index % 2], job)
         result = plan_multistep(
-            np.zeros(2),
+            Problem(np.zeros(2), np.zeros(2)),
             targets,
-            System(),
-            64,
-            ActionDiffusion(steps=steps),
-            num_candidates,
+            Recipe(Learned(ActionDiffusion(steps=steps), proposal), num_candidates),
             np.random.default_rng(index),
-            engine.bind(served[index % 2], job),
-            stop=job.stop,
+            job.stop,
         )
         return result.controls, job.rows_left
 
@@ -545,7 +543,7 @@ def test_a_plan_by_the_engine_can_be_had_again(engine: Engine, first: Model) -> 
     def make() -> FloatArray:
         rng = np.random.default_rng(3)
         proposal = engine.bind(first, Job(80))
-        return plan(PROBLEM, ActionDiffusion(steps=5), 8, rng, proposal).controls
+        return plan(PROBLEM, Recipe(Learned(ActionDiffusion(steps=5), proposal), 8), rng).controls
 
     np.testing.assert_array_equal(make(), make())
 

@@ -51,12 +51,21 @@ class Question:
 
     @property
     def body(self) -> dict[str, Any]:
-        """What is asked, without labels: the same body is the same question."""
+        """What is asked, without labels: the same body is the same question.
+
+        Fields of the request, and parameters of its plant, are left out where they have their
+        default value: a question stays the same when there come to be more of them. A method has
+        all its options: with other defaults it is another question.
+        """
         multistep = isinstance(self.request, MultistepPlanRequest)
+        said = self.request.model_dump(mode="json", exclude_defaults=True)
+        whole = self.request.model_dump(
+            mode="json", include=said.keys() - {"system"}, exclude_none=True
+        )
         return {
             "path": "/plan_multistep" if multistep else "/plan",
             "trajectories": self.trajectories,
-            "request": self.request.model_dump(mode="json", exclude_none=True),
+            "request": said | whole,
         }
 
     @cached_property

@@ -102,14 +102,13 @@ def _markdown(
 
 
 def _header(session: Session, concurrencies: Sequence[int], settings: str) -> Iterator[str]:
-    info = session.info
-    libraries = ", ".join(f"{name} {number}" for name, number in info.libraries.items())
+    libraries = ", ".join(f"{name} {number}" for name, number in session.libraries.items())
     at_once = ", ".join(str(number) for number in sorted(set(concurrencies)))
-    yield f"- Breakaway {info.version} ({libraries}), asked on {session.began:%Y-%m-%d}"
-    yield f"- {info.machine}; network on {info.device} with {info.network_threads} threads"
+    yield f"- Breakaway {session.version} ({libraries}), asked on {session.began:%Y-%m-%d}"
+    yield f"- {session.machine}; network on {session.device} with {session.network_threads} threads"
     yield f"- {settings}; requests under way at once: {at_once}"
-    for model in session.models:
-        yield f"- model {model.name}/{model.version}, sha256 `{model.sha256}`"
+    for model, sha256 in session.models.items():
+        yield f"- model {model}, sha256 `{sha256}`"
 
 
 def _latex(table: Table) -> str:

@@ -52,7 +52,7 @@ def section(errors: dict[tuple[Entrant, Plant], float]) -> Section:
             "nominal_floor": 0.005,
         }
         for entrant in ENTRANTS
-        for task in range(SUITE.num_tasks)
+        for task in range(SUITE.size.tasks)
         for plant in PLANTS
     ]
     return SUITE.section(pd.DataFrame(rows), [])
@@ -75,7 +75,7 @@ def test_everybody_gets_the_first_random_transitions_with_the_same_seeds() -> No
         if isinstance(request := question.request, PlanRequest)
     ]
     assert len(asked) == len(ENTRANTS)
-    assert all(questions == elsewhere[: SUITE.num_tasks] for questions in asked.values())
+    assert all(questions == elsewhere[: SUITE.size.tasks] for questions in asked.values())
 
 
 def test_two_hundred_tasks_at_k_32() -> None:
@@ -153,10 +153,10 @@ def test_tables_of_each_parameter_have_the_means_over_the_changes() -> None:
     assert static.headings == ("Method", "-20 %", "-10 %", "Nominal", "+10 %", "+20 %")
     small = "0.014 ± 0.010"
     rows = {row[0]: row[1:] for row in static.rows}
-    assert rows[CEM.label] == [small, "0.204 ± 0.010", small, small, small]
-    assert rows[DATASET_PRIOR.label] == [small] * 5
+    assert rows[CEM.label] == (small, "0.204 ± 0.010", small, small, small)
+    assert rows[DATASET_PRIOR.label] == (small,) * 5
     assert {row[0]: row[5] for row in coulomb.rows}[CEM.label] == "0.404 ± 0.010"
-    assert all(row[1:] == [small] * 5 for row in damping.rows)
+    assert all(row[1:] == (small,) * 5 for row in damping.rows)
 
 
 def test_the_worst_plant_and_the_parameter_that_hurts_most_are_named() -> None:

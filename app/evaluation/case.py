@@ -66,7 +66,7 @@ class Case:
         """Return the entrant's case where more columns, or others, have certain values."""
         return replace(self, where=self.where | where)
 
-    def of(self, entrant: Entrant) -> "Case":
+    def with_entrant(self, entrant: Entrant) -> "Case":
         """Return another entrant's case at the same place."""
         return replace(self, entrant=entrant)
 

@@ -39,7 +39,7 @@ class Lead(NamedTuple):
 
 def lead_over(other: Entrant, cases: Iterable[Case], measure: str) -> Lead:
     """Measure the lead of Action Diffusion's `cases` over `other`, paired by the tasks."""
-    differences = {case.place: case.less(case.of(other), measure) for case in cases}
+    differences = {case.place: case.less(case.with_entrant(other), measure) for case in cases}
     return Lead(other.label, differences)
 
 

@@ -79,7 +79,7 @@ def less(
     def difference(case: Case) -> str:
         if case.entrant == other:
             return ""
-        return with_interval(case.less(case.of(other), measure, unit), digits, "+")
+        return with_interval(case.less(case.with_entrant(other), measure, unit), digits, "+")
 
     return Column(heading, difference)
 

@@ -43,14 +43,14 @@ def test_a_share_counts_what_is_just_at_the_limit() -> None:
 
 
 def test_another_entrant_s_case_is_at_the_same_place() -> None:
-    assert AT_16.of(UNIFORM).mean("error") == 0.9
-    assert AT_16.of(UNIFORM).place == AT_16.place == "K = 16"
+    assert AT_16.with_entrant(UNIFORM).mean("error") == 0.9
+    assert AT_16.with_entrant(UNIFORM).place == AT_16.place == "K = 16"
 
 
 def test_cases_are_compared_task_by_task() -> None:
     better = AT_16.rows.assign(entrant=MPPI.label, error=AT_16.rows.error - 0.1)
     cem = Case(pd.concat([DATA, better]), CEM, {"num_candidates": 16})
-    np.testing.assert_allclose(cem.less(cem.of(MPPI), "error"), [0.1] * 3)
+    np.testing.assert_allclose(cem.less(cem.with_entrant(MPPI), "error"), [0.1] * 3)
 
 
 def test_all_cases_come_with_the_entrants_innermost() -> None:

@@ -141,7 +141,9 @@ def _picture(learned: list[Case]) -> Picture:
         axes.axhline(0, color=GREY, lw=0.8)
         bought: dict[str, list[Interval]] = defaultdict(list)
         for case in learned:
-            bought[case.where["refined_by"]].append(case.less(case.of(DATASET_PRIOR), measure))
+            bought[case.where["refined_by"]].append(
+                case.less(case.with_entrant(DATASET_PRIOR), measure)
+            )
         lines = [Line(way, LOOKS[way], intervals) for way, intervals in bought.items()]
         draw_lines(axes, lines, range(len(BUDGETS)), WIDTH)
         axes.set_xticks(range(len(BUDGETS)), labels=[str(k) for k in BUDGETS])

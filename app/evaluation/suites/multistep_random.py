@@ -110,7 +110,7 @@ def _claims(data: pd.DataFrame, budgets: Sequence[int]) -> tuple[Claim, ...]:
     better = [
         entrant.label
         for entrant in ENTRANTS
-        if all(case.of(entrant).less(case, ERROR).high < 0 for case in learned)
+        if all(case.with_entrant(entrant).less(case, ERROR).high < 0 for case in learned)
     ]
     return (
         Claim(
@@ -138,7 +138,9 @@ def _claims(data: pd.DataFrame, budgets: Sequence[int]) -> tuple[Claim, ...]:
             "Action Diffusion has the fewest stuck steps of the paper's three methods at every K.",
             PAPER_DIFFUSION,
             {
-                case.place: {of: case.of(of).mean("stuck_steps") for of in PAPER_ENTRANTS}
+                case.place: {
+                    each: case.with_entrant(each).mean("stuck_steps") for each in PAPER_ENTRANTS
+                }
                 for case in learned
             },
             "{:.1f}",

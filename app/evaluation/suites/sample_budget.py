@@ -93,7 +93,9 @@ def _claims(data: pd.DataFrame, budgets: Sequence[int]) -> tuple[Claim, ...]:
         min(cases_of(data, ENTRANTS, num_candidates=[k]), key=lambda case: case.mean(ENERGY))
         for k in budgets
     ]
-    least = [min(case.of(entrant).mean(ERROR) for entrant in ENTRANTS) for case in thrifty]
+    least = [
+        min(case.with_entrant(entrant).mean(ERROR) for entrant in ENTRANTS) for case in thrifty
+    ]
     return (
         Claim(
             "Action Diffusion achieves low terminal error even for small K.",
@@ -105,7 +107,10 @@ def _claims(data: pd.DataFrame, budgets: Sequence[int]) -> tuple[Claim, ...]:
             "The same prior without conditioning ends further from the target.",
             Lead(
                 "the dataset prior",
-                {case.place: case.less(case.of(DATASET_PRIOR), ERROR, "run") for case in learned},
+                {
+                    case.place: case.less(case.with_entrant(DATASET_PRIOR), ERROR, "run")
+                    for case in learned
+                },
                 digits=4,
             ),
         ),

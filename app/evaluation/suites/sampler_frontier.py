@@ -119,7 +119,7 @@ def _error_column(data: pd.DataFrame, k: int) -> grid.Column[ActionDiffusion]:
         mean = f"{case.per_unit(ERROR).mean():.3f}"
         if setting == PAPER:
             return mean
-        more = case.less(case.of(PAPER_DIFFUSION), ERROR)
+        more = case.less(case.with_entrant(PAPER_DIFFUSION), ERROR)
         return f"{mean}{'*' * (more.high > MARGIN)} ({with_interval(more, 3, '+')})"
 
     return grid.Column(f"K = {k}", error)

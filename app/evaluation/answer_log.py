@@ -19,7 +19,6 @@ from typing import Any, Self
 from pydantic import BaseModel
 
 from app.evaluation.question import Question, key_of
-from app.wire.about import Info, ModelDescription
 
 TRAJECTORIES = frozenset({"controls", "states", "candidates"})
 
@@ -29,16 +28,23 @@ class EvaluationError(Exception):
 
 
 class Session(BaseModel):
-    """Who answered, when, and how many requests were under way at once."""
+    """Who answered, when, and how many requests were under way at once.
+
+    Not the wire's own description of a service: that one grows, and old logs would not be read.
+    """
 
     began: datetime
-    info: Info
-    models: list[ModelDescription]
+    version: str
+    """Of the service."""
+    machine: str
+    device: str
+    """Of the network."""
+    network_threads: int
+    libraries: dict[str, str]
+    """Version by name."""
+    models: dict[str, str]
+    """The sha256 of each model by its name/version."""
     concurrency: int
-
-    def model_hashes(self) -> dict[str, str]:
-        """Return the sha256 of every model by its name/version."""
-        return {f"{model.name}/{model.version}": model.sha256 for model in self.models}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,10 +109,7 @@ class AnswerLog:
         """
         if self.sessions:
             before = self.sessions[0]
-            if (before.info.version, before.model_hashes()) != (
-                session.info.version,
-                session.model_hashes(),
-            ):
+            if (before.version, before.models) != (session.version, session.models):
                 raise EvaluationError(
                     f"the answers in {self._path.parent} come from {_described(before)}, and this "
                     f"service is {_described(session)}; choose another folder"
@@ -175,9 +178,9 @@ def _without_trajectories(content: Mapping[str, Any], wanted: bool) -> dict[str,
 
 
 def _described(session: Session) -> str:
-    hashes = sorted(session.model_hashes().items())
+    hashes = sorted(session.models.items())
     models = ", ".join(f"{name} {sha[:12]}" for name, sha in hashes) or "no models"
-    return f"version {session.info.version} with {models}"
+    return f"version {session.version} with {models}"
 
 
 def _replace(source: Path, destination: Path, *, unpack: bool) -> None:

@@ -70,5 +70,5 @@ def _check_model(answer: PlanResponse | MultistepPlanResponse, log: AnswerLog) -
     if answer.model is None:
         return
     name = f"{answer.model.name}/{answer.model.version}"
-    if log.sessions[-1].model_hashes().get(name) != answer.model.sha256:
+    if log.sessions[-1].models.get(name) != answer.model.sha256:
         raise EvaluationError(f"the service has changed: it now answers with another {name}")

@@ -12,10 +12,10 @@ def mean_and_spread(values: ArrayLike, digits: int) -> str:
     return f"{array.mean():.{digits}f} ± {array.std():.{digits}f}"
 
 
-def with_interval(found: Interval, digits: int, sign: str = "") -> str:
+def with_interval(interval: Interval, digits: int, sign: str = "") -> str:
     """Write an estimate and its interval; `sign` "+" shows the signs of differences."""
     # Rounded before it is written, and 0 added: -0.0004 is "0.000" and not "-0.000".
-    estimate, low, high = (f"{round(value, digits) + 0.0:{sign}.{digits}f}" for value in found)
+    estimate, low, high = (f"{round(value, digits) + 0.0:{sign}.{digits}f}" for value in interval)
     return f"{estimate} [{low}, {high}]"
 
 

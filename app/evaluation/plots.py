@@ -1,23 +1,46 @@
-"""Panels that several suites draw."""
+"""Panels that several suites draw, and how each entrant is drawn."""
 
-from collections.abc import Callable, Sequence
-from typing import Literal
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from app.evaluation.comparison import Unit, per_unit
-from app.evaluation.looks import LOOKS
+from app.evaluation import entrants
+from app.evaluation.case import Case, Unit
 from app.evaluation.question import Entrant
 from app.evaluation.statistics import Interval, interval
-from app.figures.style import Look
+from app.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, RED, SKY, Look
 
+Bars: TypeAlias = Callable[[NDArray[np.float64]], Interval]
+"""Mean, lower and upper end of a bar from a value for each unit, (units,)."""
+
+LOOKS = {
+    entrants.PAPER_DIFFUSION: Look(BLUE, "o", "-"),
+    entrants.DIFFUSION: Look(SKY, "s", "-"),
+    entrants.REFINED_DIFFUSION: Look(SKY, "D", ":"),
+    entrants.DATASET_PRIOR: Look(ORANGE, "^", "-"),
+    entrants.REFINED_PRIOR: Look(ORANGE, "v", ":"),
+    entrants.UNIFORM: Look(GREY, "x", "--"),
+    entrants.CEM: Look(RED, "P", "-"),
+    entrants.ICEM: Look(PINK, "X", "--"),
+    entrants.MPPI: Look(GREEN, "*", "--"),
+}
+LegendPlace: TypeAlias = Literal["outside upper center", "outside right upper"]
 LEAST_ERROR = 1e-6
 """Logarithmic axes show smaller errors as this (m): below lies rounding."""
-DODGE = 0.12
-"""How far to either side figures spread the entrants about each K, in octaves."""
+OCTAVES = 0.24
+"""Width over which figures spread the lines about each K."""
+
+
+class Line(NamedTuple):
+    """Estimates with their intervals, one at each position along x."""
+
+    label: str
+    look: Look
+    intervals: Sequence[Interval]
 
 
 def spread(values: NDArray[np.float64]) -> Interval:
@@ -29,55 +52,86 @@ def spread(values: NDArray[np.float64]) -> Interval:
     return Interval(mean, max(mean - deviation, float(values.min())), mean + deviation)
 
 
+def entrant_lines(
+    cases: Iterable[Case], measure: str, unit: Unit = "task", bars: Bars = interval
+) -> list[Line]:
+    """Return a line for each entrant, through its cases in their order.
+
+    Args:
+        cases: what is drawn.
+        measure: column of the data.
+        unit: column of what the bars are over.
+        bars: what they show.
+    """
+    intervals: dict[Entrant, list[Interval]] = {}
+    for case in cases:
+        intervals.setdefault(case.entrant, []).append(bars(case.per_unit(measure, unit)))
+    return [
+        Line(entrant.label, LOOKS[entrant], estimates) for entrant, estimates in intervals.items()
+    ]
+
+
+def draw_lines(
+    axes: Axes,
+    lines: Sequence[Line],
+    positions: ArrayLike,
+    width: float,
+    shifted: Callable[[ArrayLike, float], ArrayLike] = np.add,
+) -> None:
+    """Draw lines side by side.
+
+    Args:
+        axes: takes the lines.
+        lines: what is drawn.
+        positions: along x, (N,).
+        width: over which the lines are spread about each position.
+        shifted: positions from their middle and a shift.
+    """
+    for line, shift in zip(lines, np.linspace(-width / 2, width / 2, len(lines)), strict=True):
+        middle, low, high = np.array(line.intervals).T
+        axes.errorbar(
+            shifted(positions, shift),
+            middle,
+            yerr=np.array([middle - low, high - middle]).clip(min=0),
+            color=line.look.color,
+            marker=line.look.marker,
+            ls=line.look.line,
+            elinewidth=0.7,
+            label=line.label,
+        )
+
+
 def draw_over_budget(
     axes: Axes,
-    data: pd.DataFrame,
-    entrants: Sequence[Entrant],
-    budgets: Sequence[int],
+    cases: Sequence[Case],
     measure: str,
     label: str,
     scale: Literal["linear", "log"] = "linear",
     unit: Unit = "task",
-    bars: Callable[[NDArray[np.float64]], Interval] = interval,
+    bars: Bars = interval,
 ) -> None:
-    """Draw the mean of a measure over K, a line an entrant, with 95 % intervals over the tasks.
+    """Draw a measure over K, a line an entrant.
 
     Args:
         axes: takes the lines.
-        data: of a suite.
-        entrants: who is drawn.
-        budgets: K.
-        measure: column of `data`.
+        cases: what is drawn.
+        measure: column of the data.
         label: of the measure, with its unit.
         scale: of the measure's axis.
         unit: column of what the bars are over.
-        bars: mean, lower and upper end of the bar from a value for each unit, (units,).
+        bars: what they show.
     """
-    for entrant, shift in zip(entrants, np.linspace(-DODGE, DODGE, len(entrants)), strict=True):
-        found = [bars(per_unit(data, entrant, measure, unit, num_candidates=k)) for k in budgets]
-        positions = np.array(budgets) * 2**shift
-        draw_intervals(axes, LOOKS[entrant], entrant.label, positions, found)
+    budgets = list(dict.fromkeys(case.where["num_candidates"] for case in cases))
+    lines = entrant_lines(cases, measure, unit, bars)
+    draw_lines(axes, lines, budgets, OCTAVES, lambda k, octaves: np.multiply(k, 2**octaves))
     axes.set_xscale("log", base=2)
     axes.set_xticks(budgets, labels=[str(k) for k in budgets])
-    axes.set_xlabel("candidates K")
-    axes.set_ylabel(label)
-    axes.set_yscale(scale)
+    axes.set(xlabel="candidates K", ylabel=label, yscale=scale)
     if scale == "linear":
         axes.set_ylim(bottom=0)
 
 
-def draw_intervals(
-    axes: Axes, look: Look, label: str, positions: ArrayLike, found: Sequence[Interval]
-) -> None:
-    """Draw a line of estimates `found` with their intervals, at `positions` (N,) along x."""
-    middle, low, high = np.array(found).T
-    axes.errorbar(
-        positions,
-        middle,
-        yerr=np.array([middle - low, high - middle]).clip(min=0),
-        color=look.color,
-        marker=look.marker,
-        ls=look.line,
-        elinewidth=0.7,
-        label=label,
-    )
+def draw_legend(figure: Figure, place: LegendPlace, columns: int = 1) -> None:
+    """Name the lines of the figure's first panel in a legend outside of all panels."""
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc=place, ncols=columns)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from string import Template
 
 import pandas as pd
 from markdown_it import MarkdownIt
@@ -12,30 +13,7 @@ from app.evaluation.answer_log import Session
 from app.evaluation.section import Picture, Section, Table
 
 TITLE = "Breakaway: evaluation"
-PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-body {{ font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 75rem; margin: 2rem auto;
-  padding: 0 1rem; }}
-h1, h2 {{ line-height: 1.2; }}
-h2 {{ margin-top: 3rem; border-top: 1px solid #ddd; padding-top: 1.5rem; }}
-table {{ border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums;
-  margin: .5rem 0 2rem; display: block; overflow-x: auto; }}
-th, td {{ padding: .2rem .7rem; text-align: left; white-space: nowrap; }}
-thead th {{ border-bottom: 1px solid #333; border-top: 2px solid #333; }}
-tbody tr:last-child td {{ border-bottom: 2px solid #333; }}
-tbody tr:hover {{ background: #f3f6fa; }}
-img {{ max-width: 100%; }}
-</style>
-</head>
-<body>
-{body}</body>
-</html>
-"""
+PAGE = Template(Path(__file__).with_name("page.html").read_text())
 
 
 def write_report(
@@ -70,7 +48,7 @@ def write_report(
         frame.to_csv(directory / "data" / f"{name}.csv", index=False)
     text = "\n".join(_markdown(session, concurrencies, settings, list(sections.values())))
     body = MarkdownIt("commonmark").enable("table").render(text)
-    (directory / "report.html").write_text(PAGE.format(title=escape(TITLE), body=body))
+    (directory / "report.html").write_text(PAGE.substitute(title=escape(TITLE), body=body))
     report = directory / "report.md"
     report.write_text(text)
     return report
@@ -102,14 +80,13 @@ def _markdown(
 
 
 def _header(session: Session, concurrencies: Sequence[int], settings: str) -> Iterator[str]:
-    info = session.info
-    libraries = ", ".join(f"{name} {number}" for name, number in info.libraries.items())
+    libraries = ", ".join(f"{name} {number}" for name, number in session.libraries.items())
     at_once = ", ".join(str(number) for number in sorted(set(concurrencies)))
-    yield f"- Breakaway {info.version} ({libraries}), asked on {session.began:%Y-%m-%d}"
-    yield f"- {info.machine}; network on {info.device} with {info.network_threads} threads"
+    yield f"- Breakaway {session.version} ({libraries}), asked on {session.began:%Y-%m-%d}"
+    yield f"- {session.machine}; network on {session.device} with {session.network_threads} threads"
     yield f"- {settings}; requests under way at once: {at_once}"
-    for model in session.models:
-        yield f"- model {model.name}/{model.version}, sha256 `{model.sha256}`"
+    for model, sha256 in session.models.items():
+        yield f"- model {model}, sha256 `{sha256}`"
 
 
 def _latex(table: Table) -> str:

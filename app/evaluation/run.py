@@ -18,7 +18,9 @@ from app.evaluation.question import Question
 from app.evaluation.report import write_report
 from app.evaluation.suite import Suite
 from app.figures.style import STYLE_FILE
+from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON
+from app.wire.about import ModelDescription
 
 Connect = Callable[[], AbstractAsyncContextManager[AsyncPlannerClient]]
 
@@ -83,15 +85,21 @@ async def _complete(
     console: Console,
 ) -> None:
     await client.wait_until_ready()
-    session = Session(
-        began=datetime.now(UTC),
-        info=await client.info(),
-        models=await client.models(),
-        concurrency=concurrency,
-    )
+    info, models = await client.info(), await client.models()
     questions = [question for of_suite in missing for question in of_suite]
-    _check_models(questions, session)
-    log.begin(session)
+    _check_models(questions, info.nominal_system, models)
+    log.begin(
+        Session(
+            began=datetime.now(UTC),
+            version=info.version,
+            machine=info.machine,
+            device=info.device,
+            network_threads=info.network_threads,
+            libraries=info.libraries,
+            models={f"{model.name}/{model.version}": model.sha256 for model in models},
+            concurrency=concurrency,
+        )
+    )
     network = any(question.cost.network_evaluations for question in questions)
     rates = await measure_rates(client, network=network)
     total = sum(rates.seconds(question) for question in questions) / concurrency
@@ -112,14 +120,16 @@ async def _complete(
             await ask_all(client, of_suite, log, concurrency, advance)
 
 
-def _check_models(questions: list[Question], session: Session) -> None:
+def _check_models(
+    questions: list[Question], nominal: System, models: list[ModelDescription]
+) -> None:
     """Find out now, and not after hours, that a plant has no model."""
     for question in questions:
         request = question.request
-        system = request.system or session.info.nominal_system
+        system = request.system or nominal
         horizon = request.horizon or DEFAULT_HORIZON
         if question.cost.network_evaluations and not any(
-            model.covers(system, horizon) for model in session.models
+            model.covers(system, horizon) for model in models
         ):
             raise EvaluationError(f"the service has no model that was trained for {system}")
 

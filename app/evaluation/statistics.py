@@ -33,14 +33,14 @@ def interval(
     estimate = float(statistic(values, axis=-1))
     if np.ptp(values) == 0:
         return Interval(estimate, estimate, estimate)
-    found = bootstrap(
+    bounds = bootstrap(
         (values,),
         statistic,
         n_resamples=RESAMPLES,
         method="percentile",
         rng=np.random.default_rng(0),
     ).confidence_interval
-    return Interval(estimate, float(found.low), float(found.high))
+    return Interval(estimate, float(bounds.low), float(bounds.high))
 
 
 def paired_difference(first: NDArray[np.float64], second: NDArray[np.float64]) -> Interval:

@@ -1,10 +1,13 @@
 """The random tasks, and the seeds of requests: by the suite's seed alone, never by method or K."""
 
-from typing import NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 State: TypeAlias = tuple[float, float]
+Task: TypeAlias = Mapping[str, Any]
+"""Fields of a request: where it starts, its target or targets, and what else all methods share."""
 
 REST = (0.0, 0.0)
 """At the origin, at rest."""
@@ -43,6 +46,17 @@ def random_transitions(num_transitions: int, seed: int) -> list[Transition]:
         velocity = _uniform(rng, MAX_VELOCITY) if task % 2 else 0.0
         drawn.append(Transition(start, (_uniform(rng, MAX_POSITION), velocity)))
     return drawn
+
+
+def sequence_tasks(num_tasks: int, seed: int) -> list[Task]:
+    """Return the random sequences as tasks, from rest."""
+    sequences = random_sequences(num_tasks, seed)
+    return [{"initial_state": REST, "targets": targets} for targets in sequences]
+
+
+def transition_tasks(num_tasks: int, seed: int) -> list[Task]:
+    """Return the random transitions as tasks."""
+    return [transition._asdict() for transition in random_transitions(num_tasks, seed)]
 
 
 def request_seed(seed: int, task: int, run: int) -> int:

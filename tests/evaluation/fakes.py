@@ -4,9 +4,7 @@ from datetime import UTC, datetime
 
 from app.evaluation.answer_log import Session
 from app.evaluation.question import Question
-from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
-from app.wire.about import Info, Limits, ModelDescription
 from app.wire.answers import (
     CostReport,
     ModelReference,
@@ -50,25 +48,13 @@ def answer_to(request: PlanRequest, model_sha256: str = SHA256) -> PlanResponse:
 
 
 def session(version: str = "1.2.3", model_sha256: str = SHA256, concurrency: int = 1) -> Session:
-    system = System()
-    model = ModelDescription(
-        name="tiny",
-        version="1",
-        sha256=model_sha256,
-        plants=PlantRange.only(system),
-        horizon=64,
-        diffusion_timesteps=200,
-        validation_loss=1.0,
-    )
-    info = Info(
-        name="breakaway",
+    return Session(
+        began=datetime(2026, 1, 2, 3, 4, tzinfo=UTC),
         version=version,
         machine="a machine",
         device="cpu",
         network_threads=2,
         libraries={"python": "3.11"},
-        nominal_system=system,
-        limits=Limits.model_validate(dict.fromkeys(Limits.model_fields, 1)),
+        models={"tiny/1": model_sha256},
+        concurrency=concurrency,
     )
-    began = datetime(2026, 1, 2, 3, 4, tzinfo=UTC)
-    return Session(began=began, info=info, models=[model], concurrency=concurrency)

@@ -5,6 +5,7 @@ import lzma
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ import pytest
 
 from app.evaluation.answer_log import Answer, AnswerLog, EvaluationError
 from app.evaluation.question import Question, key_of
+from app.planning.methods import CEM
+from app.planning.plant.system import System
+from app.wire.requests import PlanRequest
 from tests.evaluation.fakes import question, session
 
 QUESTIONS = [question(seed) for seed in range(3)]
@@ -217,3 +221,25 @@ def test_the_key_depends_neither_on_labels_nor_on_the_order_of_fields() -> None:
     shuffled["request"] = {name: body["request"][name] for name in reversed(body["request"])}
     assert list(shuffled) != list(body)
     assert key_of(shuffled) == asked.key
+
+
+def test_the_key_stays_when_requests_gain_a_field() -> None:
+    class LaterRequest(PlanRequest):
+        weight: float = 1.0
+
+    asked = question(1).request
+    later = LaterRequest.model_validate(asked.model_dump())
+    assert Question({}, later).key == Question({}, asked).key
+    later.weight = 2.0
+    assert Question({}, later).key != Question({}, asked).key
+
+
+def test_of_a_plant_the_key_holds_what_is_not_nominal() -> None:
+    request = question(1).request
+    request.system = System(static_friction=0.8)
+    assert Question({}, request).body["request"]["system"] == {"static_friction": 0.8}
+
+
+def test_a_method_stands_in_the_key_with_all_its_options() -> None:
+    method = question(1, "cem").body["request"]["method"]
+    assert method == asdict(CEM())

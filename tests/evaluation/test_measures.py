@@ -36,6 +36,7 @@ def test_a_plan_s_measures(service: PlanningService) -> None:
     assert {name: row[name] for name in OF_A_PLAN} == {
         name: getattr(answer, name) for name in OF_A_PLAN
     }
+    assert answer.reachability is not None
     assert row["floor"] == answer.reachability.floor > 0
     assert not row["reachable"]
     assert row["gap"] == pytest.approx(row["terminal_error"] - row["floor"])

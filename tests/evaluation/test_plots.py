@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from app.evaluation.case import cases_of
 from app.evaluation.entrants import CEM
 from app.evaluation.plots import draw_over_budget, spread
 
@@ -25,8 +26,9 @@ def test_a_spread_goes_no_lower_than_the_least_value() -> None:
 
 def test_bars_are_over_the_units_that_the_caller_names() -> None:
     axes = Figure().subplots()
-    draw_over_budget(axes, DATA, [CEM], [16], "error", "error (m)", unit="run", bars=spread)
-    draw_over_budget(axes, DATA, [CEM], [16], "error", "error (m)", bars=spread)
+    cases = cases_of(DATA, [CEM], num_candidates=[16])
+    draw_over_budget(axes, cases, "error", "error (m)", unit="run", bars=spread)
+    draw_over_budget(axes, cases, "error", "error (m)", bars=spread)
     over_runs, over_tasks = (
         np.asarray(bars.get_paths()[0].vertices)[:, 1] for bars in axes.collections
     )

@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import pandas as pd
 import pytest
@@ -23,12 +22,12 @@ from starlette.types import Message, Receive, Scope, Send
 from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.answer_log import AnswerLog, EvaluationError
 from app.evaluation.entrants import DIFFUSION, UNIFORM
-from app.evaluation.question import Question
 from app.evaluation.run import evaluate
 from app.evaluation.section import Section, Table
-from app.evaluation.suite import Answered, Suite
-from app.evaluation.suites.multistep_random import MultistepRandom, sequence_questions
+from app.evaluation.suite import Answered, Size, Suite
+from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.multistep_reference import MultistepReference
+from app.evaluation.tasks import Task, sequence_tasks
 from app.launch import START_SECONDS, free_port
 from app.main import create_app
 from app.planning.plant.system import System
@@ -84,13 +83,13 @@ class Recorder:
 class Small(Suite):
     """Two methods on a few sequences."""
 
-    name: ClassVar[str] = "small"
-    purpose: ClassVar[str] = "Tests of the run itself"
+    name = "small"
+    purpose = "Tests of the run itself"
+    FULL = Size(budgets=(4,), tasks=3, runs=2, entrants=(UNIFORM, DIFFUSION))
     system: System | None = None
 
-    def questions(self) -> Iterator[Question]:
-        for entrant in (UNIFORM, DIFFUSION):
-            yield from sequence_questions(self.seed, (3, 2), entrant, 4, self.system)
+    def tasks(self) -> list[Task]:
+        return [{**task, "system": self.system} for task in sequence_tasks(3, self.seed)]
 
     def section(self, data: pd.DataFrame, answered: Answered) -> Section:
         errors = [(str(error),) for error in data.final_error]

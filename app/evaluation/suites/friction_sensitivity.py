@@ -1,155 +1,106 @@
 """Table 3: the random multi-step protocol again, for three static frictions."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product
-from typing import ClassVar
 
-import numpy as np
 import pandas as pd
 
-from app.evaluation import paper
-from app.evaluation.cells import mean_and_spread, with_interval
-from app.evaluation.comparison import per_unit, rows_of
+from app.evaluation import grid, paper
+from app.evaluation.case import Case, cases_of
+from app.evaluation.claims import lead_over, lower_claim
 from app.evaluation.entrants import (
     CEM,
     DATASET_PRIOR,
     DIFFUSION,
-    ENTRANTS,
     PAPER_DIFFUSION,
     PAPER_ENTRANTS,
     REFINED_PRIOR,
 )
-from app.evaluation.looks import LOOKS
-from app.evaluation.plots import draw_intervals
-from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Claim, Picture, Section, Table
-from app.evaluation.statistics import (
-    Interval,
-    interval,
-    paired_difference,
-)
-from app.evaluation.suite import Answered, Suite
-from app.evaluation.suites.multistep_random import sequence_questions
-from app.evaluation.tables import statistics_table, times_table
+from app.evaluation.plots import draw_legend, draw_lines, entrant_lines
+from app.evaluation.question import Question
+from app.evaluation.section import Claim, Picture, Section
+from app.evaluation.suite import Answered, Size, Suite
+from app.evaluation.tasks import Task, sequence_tasks
 from app.figures.style import PAGE_INCHES, new_figure
 from app.planning.plant.system import System
 
 NOMINAL = System()
 FRICTIONS = (0.6, 0.7, 0.8)
 """f_s, m/s^2."""
-DODGE = 0.05
-"""Width over which a figure spreads the entrants about each f_s, m/s^2."""
+ERROR = "mean_end_error"
+WIDTH = 0.05
+"""Over which a figure spreads the entrants about each f_s, m/s^2."""
 LINEAR_BELOW = 1e-2
 """Errors below which the figure's axis is linear, down to zero, m."""
 
 
-@dataclass(frozen=True)
 class FrictionSensitivity(Suite):
     """The paper's sensitivity to static friction, with all methods."""
 
-    name: ClassVar[str] = "friction-sensitivity"
-    purpose: ClassVar[str] = "Table 3: the random sequences for f_s = 0.6, 0.7, 0.8, K = 128"
+    name = "friction-sensitivity"
+    purpose = "Table 3: the random sequences for f_s = 0.6, 0.7, 0.8, K = 128"
+    FULL = Size(budgets=(128,), tasks=30, runs=5)
+    QUICK = Size(budgets=(16,), tasks=3, entrants=(*PAPER_ENTRANTS, DIFFUSION, REFINED_PRIOR))
 
-    @property
-    def num_candidates(self) -> int:
-        """K."""
-        return 16 if self.quick else 128
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Return how many sequences, and how many runs of each."""
-        return (3, 1) if self.quick else (30, 5)
-
-    @property
-    def entrants(self) -> tuple[Entrant, ...]:
-        """Who takes part."""
-        return (*PAPER_ENTRANTS, DIFFUSION, REFINED_PRIOR) if self.quick else ENTRANTS
+    def tasks(self) -> list[Task]:
+        return sequence_tasks(self.size.tasks, self.seed)
 
     def questions(self) -> Iterator[Question]:
-        for friction, entrant in product(FRICTIONS, self.entrants):
+        (k,) = self.size.budgets
+        for friction, entrant in product(FRICTIONS, self.size.entrants):
             system = replace(NOMINAL, static_friction=friction)
-            yield from sequence_questions(
-                self.seed,
-                self.size,
-                entrant,
-                self.num_candidates,
-                # Unsaid where it is nominal: these are questions of multistep-random.
-                None if system == NOMINAL else system,
-                static_friction=friction,
-            )
+            # Unsaid where it is nominal: these are questions of multistep-random.
+            asked = entrant if system == NOMINAL else entrant.asking(system=system)
+            yield from self.ask(asked, k, static_friction=friction)
 
     def section(self, data: pd.DataFrame, answered: Answered) -> Section:
-        sequences, runs = self.size
+        size = self.size
+        cases = cases_of(data, size.entrants, static_friction=FRICTIONS)
         return Section(
             title="Sensitivity to static friction (Table 3)",
             introduction=(
-                f"The random multi-step references again, with K = {self.num_candidates}, for "
-                f"static frictions f_s of {', '.join(map(str, FRICTIONS))} m/s²; the other "
-                "parameters of the plant stay, and Action Diffusion has a model of its own, "
-                f"trained from scratch, for each f_s. {sequences} sequences, {runs} runs of each, "
-                "and the same sequences and seeds for every f_s. The floor is what no plan can go "
-                "below, from where each segment of the method's own plan starts."
+                f"The random multi-step references again, with K = {size.budgets[0]}, for static "
+                f"frictions f_s of {', '.join(map(str, FRICTIONS))} m/s²; the other parameters of "
+                "the plant stay, and Action Diffusion has a model of its own, trained from "
+                f"scratch, for each f_s. {size.tasks} sequences, {size.runs} runs of each, and the "
+                "same sequences and seeds for every f_s. The floor is what no plan can go below, "
+                "from where each segment of the method's own plan starts."
             ),
             tables=(
-                _errors(data, self.entrants),
-                statistics_table(
-                    data, self.name, "mean_end_error", self.entrants, "static_friction", FRICTIONS
-                ),
-                times_table(
-                    data,
+                grid.of_cases(
                     self.name,
-                    "a sequence of three plans",
-                    self.entrants,
-                    "static_friction",
-                    FRICTIONS,
+                    "Mean end error: mean ± standard deviation (m), the paper's and the floor "
+                    "beside; lower is better.",
+                    cases_of(data, size.entrants),
+                    *(column for friction in FRICTIONS for column in _columns(friction)),
                 ),
+                grid.statistics(self.name, cases, ERROR),
+                grid.times(self.name, cases, "a sequence of three plans"),
             ),
-            pictures=(_picture(data, self.entrants),),
+            pictures=(_picture(cases),),
             claims=(_claim(data),),
         )
 
 
-def _errors(data: pd.DataFrame, entrants: tuple[Entrant, ...]) -> Table:
-    rows = []
-    for entrant in entrants:
-        row = [entrant.label]
-        for friction in FRICTIONS:
-            of = rows_of(data, entrant, static_friction=friction)
-            row += [
-                mean_and_spread(of.mean_end_error, 3),
-                paper.MEAN_END_ERROR_BY_FRICTION.get((entrant, friction), ""),
-                f"{of.mean_end_floor.mean():.3f}",
-            ]
-        rows.append(row)
-    return Table(
-        "friction-sensitivity",
-        "Mean end error: mean ± standard deviation (m), the paper's and the floor beside; lower is "
-        "better.",
-        (
-            "Method",
-            *(heading for fs in FRICTIONS for heading in (f"f_s = {fs}", "paper", "Floor")),
-        ),
-        rows,
+def _columns(friction: float) -> tuple[grid.Column[Case], ...]:
+    """Show what was found for a friction, and what the paper prints."""
+    printed = paper.MEAN_END_ERROR_BY_FRICTION
+    return (
+        grid.spread(f"f_s = {friction}", ERROR, 3, static_friction=friction),
+        grid.Column("paper", lambda case: printed.get((case.entrant, friction), "")),
+        grid.mean("Floor", "mean_end_floor", 3, static_friction=friction),
     )
 
 
-def _picture(data: pd.DataFrame, entrants: tuple[Entrant, ...]) -> Picture:
+def _picture(cases: Sequence[Case]) -> Picture:
     figure = new_figure(PAGE_INCHES, 3.0)
     axes = figure.subplots()
-    shifts = np.linspace(-DODGE / 2, DODGE / 2, len(entrants))
-    for entrant, shift in zip(entrants, shifts, strict=True):
-        found = [
-            interval(per_unit(data, entrant, "mean_end_error", static_friction=friction))
-            for friction in FRICTIONS
-        ]
-        draw_intervals(axes, LOOKS[entrant], entrant.label, np.add(FRICTIONS, shift), found)
-    axes.set_xticks(FRICTIONS)
-    axes.set_xlabel("static friction $f_s$ (m/s²)")
-    axes.set_ylabel("mean end error (m)")
+    draw_lines(axes, entrant_lines(cases, ERROR), FRICTIONS, WIDTH)
+    axes.set(xlabel="static friction $f_s$ (m/s²)", ylabel="mean end error (m)", xticks=FRICTIONS)
     axes.set_yscale("symlog", linthresh=LINEAR_BELOW)
     axes.set_ylim(-LINEAR_BELOW / 10, 1)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+    draw_legend(figure, "outside right upper")
     return Picture(
         "friction-sensitivity",
         "Mean end error for three static frictions: means over the sequences and runs, with 95 % "
@@ -160,29 +111,9 @@ def _picture(data: pd.DataFrame, entrants: tuple[Entrant, ...]) -> Picture:
 
 
 def _claim(data: pd.DataFrame) -> Claim:
-    leads = {
-        other: [_lead(data, PAPER_DIFFUSION, other, friction) for friction in FRICTIONS]
-        for other in (CEM, DATASET_PRIOR)
-    }
-
-    def shown(of: list[Interval]) -> str:
-        return ", ".join(
-            f"{with_interval(lead, 3, '+')} m at f_s = {friction}"
-            for friction, lead in zip(FRICTIONS, of, strict=True)
-        )
-
-    return Claim(
-        "Action Diffusion has the lowest mean end error of the paper's three "
-        "methods for all three f_s.",
-        all(lead.high < 0 for of in leads.values() for lead in of),
-        " ".join(
-            f"Action Diffusion less {other.label}: {shown(of)}." for other, of in leads.items()
-        ),
+    learned = cases_of(data, [PAPER_DIFFUSION], static_friction=FRICTIONS)
+    return lower_claim(
+        "Action Diffusion has the lowest mean end error of the paper's three methods for all three "
+        "f_s.",
+        *(lead_over(other, learned, ERROR) for other in (CEM, DATASET_PRIOR)),
     )
-
-
-def _lead(data: pd.DataFrame, entrant: Entrant, other: Entrant, friction: float) -> Interval:
-    own, others = (
-        per_unit(data, of, "mean_end_error", static_friction=friction) for of in (entrant, other)
-    )
-    return paired_difference(own, others)

@@ -1,23 +1,22 @@
 """What the learned prior buys once every method is refined: the same tasks for all, paired."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
+from app.evaluation import grid
 from app.evaluation.answer_log import Answer
-from app.evaluation.cells import percent, with_interval
-from app.evaluation.comparison import column, per_unit, rows_of
+from app.evaluation.case import Case
 from app.evaluation.entrants import DATASET_PRIOR, DIFFUSION, UNIFORM
-from app.evaluation.plots import draw_intervals
-from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Picture, Section, Table
-from app.evaluation.statistics import Interval, paired_difference
-from app.evaluation.suite import Answered, Row, Suite
-from app.evaluation.suites.random_targets import transition_questions
+from app.evaluation.plots import Line, draw_legend, draw_lines
+from app.evaluation.question import Question
+from app.evaluation.section import Picture, Section
+from app.evaluation.statistics import Interval
+from app.evaluation.suite import Answered, Row, Size, Suite
+from app.evaluation.tasks import Task, transition_tasks
 from app.figures.style import BLUE, GREEN, GREY, PAGE_INCHES, RED, Look, new_figure
 
 SUCCESS_GAP = 1e-3
@@ -49,39 +48,36 @@ COMPARED = (
 """Refined by what, K, and who proposes."""
 
 MEASURES = {
-    "success": "Success",
-    "exact": "Exact",
-    "control_energy": "Energy",
-    "control_smoothness": "Roughness",
-    "stuck_steps": "Stuck steps",
+    "success": grid.share("Success", "success", 1),
+    "exact": grid.share("Exact", "exact", 1),
+    "control_energy": grid.mean("Energy", "control_energy", 1),
+    "control_smoothness": grid.mean("Control smoothness", "control_smoothness", 2),
+    "stuck_steps": grid.mean("Stuck steps", "stuck_steps", 1),
 }
-"""Columns of the data, and their headings."""
+"""Columns of the data, and how the table shows them."""
 DRAWN = {
     "success": "Δ success (share of tasks)",
     "control_energy": "Δ energy (m²/s⁴)",
-    "control_smoothness": "Δ roughness (m²/s⁴)",
+    "control_smoothness": "Δ control smoothness (m²/s⁴)",
 }
-SHIFT = 0.12
-"""Between the lines of a panel, which else would hide each other."""
+WIDTH = 0.24
+"""Over which the lines of a panel are spread, which else would hide each other."""
 
 
-@dataclass(frozen=True)
 class LearnedPrior(Suite):
     """Learned prior, dataset prior and uniform noise as starts of refinement."""
 
-    name: ClassVar[str] = "learned-prior"
-    purpose: ClassVar[str] = "What the learned prior buys once all are refined: 500 random tasks"
+    name = "learned-prior"
+    purpose = "What the learned prior buys once all are refined: 500 random tasks"
+    FULL = Size(budgets=BUDGETS, tasks=500)
+    QUICK = Size(budgets=BUDGETS, tasks=8)
 
-    @property
-    def num_tasks(self) -> int:
-        """How many tasks."""
-        return 8 if self.quick else 500
+    def tasks(self) -> list[Task]:
+        return transition_tasks(self.size.tasks, self.seed)
 
     def questions(self) -> Iterator[Question]:
         for way, k, entrant in COMPARED:
-            refined = Entrant(entrant.label, {**entrant.fields, **REFINED_BY[way]})
-            for question in transition_questions(self.seed, self.num_tasks, refined, k):
-                yield replace(question, labels={"refined_by": way, **question.labels})
+            yield from self.ask(entrant.asking(**REFINED_BY[way]), k, refined_by=way)
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
         gap = answer.content["gap"]
@@ -91,96 +87,68 @@ class LearnedPrior(Suite):
         ]
 
     def section(self, data: pd.DataFrame, answered: Answered) -> Section:
+        cases = [
+            Case(data, entrant, {"refined_by": way, "num_candidates": k})
+            for way, k, entrant in COMPARED
+        ]
+        refined_by, k = grid.varied("refined_by"), grid.varied("num_candidates")
+        learned = [case for case in cases if case.entrant == DIFFUSION]
         return Section(
             title="What the learned prior buys once everybody is refined",
             introduction=(
-                f"The same {self.num_tasks} tasks for everybody: starts from the training range, "
+                f"The same {self.size.tasks} tasks for everybody: starts from the training range, "
                 "every other target moving. Every plan is refined: by descent within the motion "
                 "that the method proposed, with repair, and with repair for the least energy. "
                 f"Success ends within {SUCCESS_GAP:g} m of the floor, exact within {EXACT_GAP:g} m."
             ),
-            tables=(_results(data), _differences(data), _times(data)),
-            pictures=(_picture(data),),
+            tables=(
+                grid.table(
+                    self.name,
+                    "Shares and means over all tasks, whether plans succeed or not; energy and "
+                    "control smoothness in m²/s⁴.",
+                    cases,
+                    (refined_by, grid.METHOD, k, *MEASURES.values()),
+                ),
+                grid.table(
+                    f"{self.name}-differences",
+                    f"{DIFFUSION.label} less {DATASET_PRIOR.label} at the same K: means of the "
+                    "paired differences, with 95 % bootstrap intervals over the tasks.",
+                    learned,
+                    (
+                        refined_by,
+                        k,
+                        *(
+                            grid.less(column.heading, measure, DATASET_PRIOR)
+                            for measure, column in MEASURES.items()
+                        ),
+                    ),
+                ),
+                grid.table(
+                    f"{self.name}-time",
+                    "The service's compute time for a plan, with its refinement: medians over the "
+                    "tasks.",
+                    cases,
+                    (refined_by, grid.METHOD, k, grid.median("ms a plan", "compute_ms", 2)),
+                ),
+            ),
+            pictures=(_picture(learned),),
         )
 
 
-def _refined_by(data: pd.DataFrame, way: str) -> pd.DataFrame:
-    return data[data.refined_by == way]
-
-
-def _results(data: pd.DataFrame) -> Table:
-    rows = []
-    for way, k, entrant in COMPARED:
-        of = rows_of(_refined_by(data, way), entrant, num_candidates=k)
-        rows.append(
-            (
-                way,
-                entrant.label,
-                str(k),
-                percent(of.success.mean(), 1),
-                percent(of.exact.mean(), 1),
-                f"{of.control_energy.mean():.1f}",
-                f"{of.control_smoothness.mean():.2f}",
-                f"{of.stuck_steps.mean():.1f}",
-            )
-        )
-    return Table(
-        "learned-prior",
-        "Shares and means over all tasks, whether plans succeed or not; energy and roughness in "
-        "m²/s⁴.",
-        ("Refined by", "Method", "K", *MEASURES.values()),
-        rows,
-    )
-
-
-def _differences(data: pd.DataFrame) -> Table:
-    return Table(
-        "learned-prior-differences",
-        f"{DIFFUSION.label} less {DATASET_PRIOR.label} at the same K: means of the paired "
-        "differences, with 95 % bootstrap intervals over the tasks.",
-        ("Refined by", "K", *MEASURES.values()),
-        [
-            (way, str(k), *(with_interval(_bought(data, way, k, of), 3, "+") for of in MEASURES))
-            for way, k in product(REFINED_BY, BUDGETS)
-        ],
-    )
-
-
-def _times(data: pd.DataFrame) -> Table:
-    return Table(
-        "learned-prior-time",
-        "The service's compute time for a plan, with its refinement: medians over the tasks.",
-        ("Refined by", "Method", "K", "ms a plan"),
-        [
-            (way, entrant.label, str(k), f"{np.median(times):.2f}")
-            for way, k, entrant in COMPARED
-            for times in [column(_refined_by(data, way), entrant, "compute_ms", num_candidates=k)]
-        ],
-    )
-
-
-def _bought(data: pd.DataFrame, way: str, k: int, measure: str) -> Interval:
-    """Return what the learned prior has more than the dataset prior."""
-    of_way = _refined_by(data, way)
-    learned, control = (
-        per_unit(of_way, entrant, measure, num_candidates=k)
-        for entrant in (DIFFUSION, DATASET_PRIOR)
-    )
-    return paired_difference(learned, control)
-
-
-def _picture(data: pd.DataFrame) -> Picture:
+def _picture(learned: list[Case]) -> Picture:
     figure = new_figure(PAGE_INCHES, 2.5)
     for axes, (measure, label) in zip(figure.subplots(1, len(DRAWN)), DRAWN.items(), strict=True):
         axes.axhline(0, color=GREY, lw=0.8)
-        for place, (way, look) in enumerate(LOOKS.items()):
-            positions = np.arange(len(BUDGETS)) + SHIFT * (place - 1)
-            found = [_bought(data, way, k, measure) for k in BUDGETS]
-            draw_intervals(axes, look, way, positions, found)
+        bought: dict[str, list[Interval]] = defaultdict(list)
+        for case in learned:
+            bought[case.where["refined_by"]].append(
+                case.less(case.with_entrant(DATASET_PRIOR), measure)
+            )
+        lines = [Line(way, LOOKS[way], intervals) for way, intervals in bought.items()]
+        draw_lines(axes, lines, range(len(BUDGETS)), WIDTH)
         axes.set_xticks(range(len(BUDGETS)), labels=[str(k) for k in BUDGETS])
-        axes.set_xlabel("candidates K")
-        axes.set_ylabel(label)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(LOOKS))
+        axes.set(xlabel="candidates K", ylabel=label)
+    draw_legend(figure, "outside upper center", columns=len(LOOKS))
     return Picture(
         "learned-prior",
         f"{DIFFUSION.label} less {DATASET_PRIOR.label} (Δ) at the same K, by what both are refined "

@@ -1,25 +1,22 @@
 """What a wrong model of the plant costs: nominal plans, carried out on a plant that differs."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from app.evaluation import grid
 from app.evaluation.answer_log import Answer
-from app.evaluation.cells import mean_and_spread, percent, with_interval
-from app.evaluation.comparison import column
+from app.evaluation.case import Case, cases_of
+from app.evaluation.cells import percent, with_interval
 from app.evaluation.entrants import ENTRANTS
-from app.evaluation.looks import LOOKS
-from app.evaluation.plots import draw_intervals
-from app.evaluation.question import Entrant, Question
+from app.evaluation.plots import draw_legend, draw_lines, entrant_lines
+from app.evaluation.question import Question
 from app.evaluation.section import Picture, Section, Table
-from app.evaluation.statistics import interval, paired_difference
-from app.evaluation.suite import Answered, Row, Suite
-from app.evaluation.suites.random_targets import transition_questions
+from app.evaluation.suite import Answered, Row, Size, Suite
+from app.evaluation.tasks import Task, transition_tasks
 from app.figures.style import PAGE_INCHES, new_figure
 from app.planning.arrays import FloatArray
 from app.planning.metrics import terminal_error
@@ -37,36 +34,27 @@ PARAMETERS = {
 """What differs, and its symbol."""
 CHANGES = (-20, -10, 10, 20)
 """By how much, %."""
+ALL_CHANGES = sorted((*CHANGES, 0))
 UNCHANGED = "nominal"
 """Stands for the parameter on the nominal plant."""
 SUCCESS = 0.05
 """Executed errors up to this count as success, m."""
-DODGE = 4.0
-"""Width over which a figure spreads the entrants about each change, %."""
+ERROR = "executed_error"
+WIDTH = 4.0
+"""Over which a figure spreads the entrants about each change, %."""
 
 
-@dataclass(frozen=True)
 class PlantSensitivity(Suite):
     """Executed errors where f_s, f_c, b or u_max is not what the plan was made for."""
 
-    name: ClassVar[str] = "plant-sensitivity"
-    purpose: ClassVar[str] = "Nominal plans on plants whose f_s, f_c, b or u_max differs, K = 32"
+    name = "plant-sensitivity"
+    purpose = "Nominal plans on plants whose f_s, f_c, b or u_max differs, K = 32"
+    FULL = Size(budgets=(32,), tasks=200)
+    QUICK = Size(budgets=(16,), tasks=8)
+    trajectories = True
 
-    @property
-    def num_candidates(self) -> int:
-        """K."""
-        return 16 if self.quick else 32
-
-    @property
-    def num_tasks(self) -> int:
-        """How many transitions."""
-        return 8 if self.quick else 200
-
-    def questions(self) -> Iterator[Question]:
-        for entrant in ENTRANTS:
-            yield from transition_questions(
-                self.seed, self.num_tasks, entrant, self.num_candidates, trajectories=True
-            )
+    def tasks(self) -> list[Task]:
+        return transition_tasks(self.size.tasks, self.seed)
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
         """Carry the answered controls out on every plant: a row each, the nominal one first."""
@@ -85,14 +73,15 @@ class PlantSensitivity(Suite):
         ]
 
     def section(self, data: pd.DataFrame, answered: Answered) -> Section:
+        cases = cases_of(data, ENTRANTS)
         return Section(
             title="Sensitivity to the plant",
             introduction=(
-                f"Plans made for the nominal plant with K = {self.num_candidates}, carried out "
+                f"Plans made for the nominal plant with K = {self.size.budgets[0]}, carried out "
                 "open loop on a plant that differs in one parameter: static friction f_s, kinetic "
                 "(Coulomb) friction f_c, damping b or control limit u_max, each by -20, -10, +10 "
                 "and +20 %. The executed error is the distance of the state at the end from the "
-                f"target. The tasks are the first {self.num_tasks} random transitions; their mean "
+                f"target. The tasks are the first {self.size.tasks} random transitions; their mean "
                 f"floor is {data.nominal_floor.mean():.3f} m on the nominal plant, which no plan "
                 "can go below there. Kinetic friction cannot exceed static friction: where f_s "
                 "falls below f_c, f_c falls with it, and where f_c rises above f_s, f_s rises "
@@ -101,8 +90,8 @@ class PlantSensitivity(Suite):
             ),
             tables=(
                 *(_errors(data, parameter) for parameter in PARAMETERS),
-                _success(data),
-                _increases(data),
+                _success(cases),
+                _increases(cases),
             ),
             pictures=(_picture(data),),
         )
@@ -136,111 +125,84 @@ def executed_error(plant: System, request: PlanRequest, controls: FloatArray) ->
     return float(terminal_error(states[0, -1], np.array(request.target_state)))
 
 
-def _executed(
-    data: pd.DataFrame, entrant: Entrant, parameter: str, change: int
-) -> NDArray[np.float64]:
-    """Return executed errors, (tasks,); no change is the nominal plant, whatever the parameter."""
-    of_plant = data[data.parameter == (parameter if change else UNCHANGED)]
-    return column(of_plant, entrant, "executed_error", change=change)
+def _around_nominal(data: pd.DataFrame, parameter: str) -> pd.DataFrame:
+    """Return the rows where a parameter differs, and those on the nominal plant: change 0."""
+    return data[data.parameter.isin([parameter, UNCHANGED])]
 
 
 def _errors(data: pd.DataFrame, parameter: str) -> Table:
-    changes = sorted((*CHANGES, 0))
-    return Table(
+    return grid.of_cases(
         f"plant-sensitivity-{parameter.replace('_', '-')}",
         f"Executed error (m) where {PARAMETERS[parameter]} differs: mean ± standard deviation.",
-        ("Method", *(f"{change:+d} %" if change else "Nominal" for change in changes)),
-        [
-            [
-                entrant.label,
-                *(
-                    mean_and_spread(_executed(data, entrant, parameter, change), 3)
-                    for change in changes
-                ),
-            ]
-            for entrant in ENTRANTS
-        ],
+        cases_of(_around_nominal(data, parameter), ENTRANTS),
+        *(
+            grid.spread(f"{change:+d} %" if change else "Nominal", ERROR, 3, change=change)
+            for change in ALL_CHANGES
+        ),
     )
 
 
-def _success(data: pd.DataFrame) -> Table:
-    rows = []
-    for entrant in ENTRANTS:
-        shares = {
-            plant: float(np.mean(_executed(data, entrant, *plant) <= SUCCESS)) for plant in PLANTS
-        }
-        worst = min(shares, key=lambda plant: shares[plant])
-        rows.append(
-            (
-                entrant.label,
-                percent(shares[UNCHANGED, 0]),
-                percent(shares[worst]),
-                _described(*worst),
-            )
-        )
-    return Table(
+def _success(cases: list[Case]) -> Table:
+    def share(case: Case) -> float:
+        return case.share_within(ERROR, SUCCESS)
+
+    def worst(case: Case) -> Case:
+        return min((case.at(parameter=name, change=by) for name, by in PLANTS), key=share)
+
+    def described(case: Case) -> str:
+        parameter, change = case.where.values()
+        return f"{PARAMETERS[parameter]} {change:+d} %" if change else UNCHANGED
+
+    return grid.of_cases(
         "plant-sensitivity-success",
         f"Share of the tasks whose executed error is at most {SUCCESS:g} m: on the nominal plant, "
         "and on the plant where it is lowest (the first of equals).",
-        ("Method", "Nominal", "Lowest", "Where"),
-        rows,
+        cases,
+        grid.within("Nominal", ERROR, SUCCESS, change=0),
+        grid.Column("Lowest", lambda case: percent(share(worst(case)))),
+        grid.Column("Where", lambda case: described(worst(case))),
     )
 
 
-def _increases(data: pd.DataFrame) -> Table:
-    rows = []
-    for entrant in ENTRANTS:
-        nominal = _executed(data, entrant, UNCHANGED, 0)
-        found = {
-            plant: paired_difference(_executed(data, entrant, *plant), nominal) for plant in PLANTS
-        }
-        worst = {
-            parameter: max(
-                ((parameter, change) for change in CHANGES),
-                key=lambda plant: found[plant].estimate,
-            )
-            for parameter in PARAMETERS
-        }
-        rows.append(
-            (
-                entrant.label,
-                *(
-                    f"{with_interval(found[plant], 3, '+')} at {plant[1]:+d} %"
-                    for plant in worst.values()
-                ),
-                PARAMETERS[max(worst, key=lambda parameter: found[worst[parameter]].estimate)],
-            )
-        )
-    return Table(
+def _increases(cases: list[Case]) -> Table:
+    def worst(case: Case, parameter: str) -> Case:
+        changed = (case.at(parameter=parameter, change=change) for change in CHANGES)
+        return max(changed, key=lambda case: case.mean(ERROR))
+
+    def increase_column(parameter: str) -> grid.Column[Case]:
+        def increase(case: Case) -> str:
+            changed = worst(case, parameter)
+            more = changed.less(case.at(change=0), ERROR)
+            return f"{with_interval(more, 3, '+')} at {changed.where['change']:+d} %"
+
+        return grid.Column(PARAMETERS[parameter], increase)
+
+    def hurts_most(case: Case) -> str:
+        return PARAMETERS[max(PARAMETERS, key=lambda name: worst(case, name).mean(ERROR))]
+
+    return grid.of_cases(
         "plant-sensitivity-increase",
         "Increase of the mean executed error (m) over the nominal plant at each parameter's worst "
         "change, with the 95 % bootstrap interval of the paired differences over the tasks; and "
         "the parameter that hurts most.",
-        ("Method", *PARAMETERS.values(), "Hurts most"),
-        rows,
+        cases,
+        *map(increase_column, PARAMETERS),
+        grid.Column("Hurts most", hurts_most),
     )
-
-
-def _described(parameter: str, change: int) -> str:
-    return f"{PARAMETERS[parameter]} {change:+d} %" if change else "nominal"
 
 
 def _picture(data: pd.DataFrame) -> Picture:
     figure = new_figure(PAGE_INCHES, 4.5)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    changes = sorted((*CHANGES, 0))
-    shifts = np.linspace(-DODGE / 2, DODGE / 2, len(ENTRANTS))
     for axes, parameter in zip(panels.flat, PARAMETERS, strict=True):
-        for entrant, shift in zip(ENTRANTS, shifts, strict=True):
-            found = [interval(_executed(data, entrant, parameter, change)) for change in changes]
-            draw_intervals(axes, LOOKS[entrant], entrant.label, np.add(changes, shift), found)
-        axes.set_xticks(changes)
-        axes.set_title(parameter.replace("_", " ").capitalize())
+        cases = cases_of(_around_nominal(data, parameter), ENTRANTS, change=ALL_CHANGES)
+        draw_lines(axes, entrant_lines(cases, ERROR), ALL_CHANGES, WIDTH)
+        axes.set(xticks=ALL_CHANGES, title=parameter.replace("_", " ").capitalize())
     for axes in panels[-1]:
         axes.set_xlabel("change of the plant (%)")
     for axes in panels[:, 0]:
         axes.set_ylabel("mean executed error (m)")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside right upper")
+    draw_legend(figure, "outside right upper")
     return Picture(
         "plant-sensitivity",
         "Nominal plans on a plant that differs in one parameter: mean executed error with 95 % "

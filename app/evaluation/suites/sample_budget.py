@@ -1,37 +1,20 @@
 """Figure 2: one near target, every method, K and run with the same seeds."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import product
-from typing import ClassVar
+from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from app.evaluation.cells import mean_and_spread, percent, with_interval
-from app.evaluation.comparison import column, rows_of, wins
-from app.evaluation.entrants import (
-    CEM,
-    DATASET_PRIOR,
-    ENTRANTS,
-    PAPER_DIFFUSION,
-    UNIFORM,
-)
-from app.evaluation.plots import LEAST_ERROR, draw_over_budget, spread
-from app.evaluation.question import Entrant, Question, question_to
-from app.evaluation.section import Claim, Picture, Section, Table
-from app.evaluation.statistics import (
-    TIE,
-    Interval,
-    interval,
-    paired_difference,
-)
-from app.evaluation.suite import Answered, Suite
-from app.evaluation.tables import statistics_table, times_table
-from app.evaluation.tasks import REST, State
+from app.evaluation import grid
+from app.evaluation.case import Case, cases_of
+from app.evaluation.cells import percent, with_interval
+from app.evaluation.claims import Lead, lower_claim
+from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS, PAPER_DIFFUSION, UNIFORM
+from app.evaluation.plots import LEAST_ERROR, draw_legend, draw_over_budget, spread
+from app.evaluation.section import Claim, Picture, Section
+from app.evaluation.statistics import TIE, interval
+from app.evaluation.suite import Answered, Size, Suite
+from app.evaluation.tasks import REST, Task
 from app.figures.style import PAGE_INCHES, new_figure
-from app.wire.requests import PlanRequest
 
 TARGET = (0.2, 0.0)
 SUCCESS = 0.01
@@ -40,119 +23,60 @@ LOW_ERROR = 0.1 * TARGET[0]
 """Low is a tenth of the way (m)."""
 INEFFECTIVE = 0.1
 """A method that succeeds more rarely is largely ineffective."""
+ERROR, ENERGY = "terminal_error", "control_energy"
 
 
-@dataclass(frozen=True)
 class SampleBudget(Suite):
     """The paper's single-target evaluation over the sample budget, with all methods."""
 
-    name: ClassVar[str] = "sample-budget"
-    purpose: ClassVar[str] = "Figure 2: 0.2 m from rest to rest, 30 runs, K = 16 to 512"
+    name = "sample-budget"
+    purpose = "Figure 2: 0.2 m from rest to rest, 30 runs, K = 16 to 512"
+    FULL = Size(budgets=(16, 32, 128, 512), runs=30)
+    QUICK = Size(budgets=(16, 32), runs=3)
 
-    @property
-    def budgets(self) -> tuple[int, ...]:
-        """K."""
-        return (16, 32) if self.quick else (16, 32, 128, 512)
-
-    @property
-    def runs(self) -> int:
-        """How many runs of each method and K."""
-        return 3 if self.quick else 30
-
-    def questions(self) -> Iterator[Question]:
-        for k, entrant, run in product(self.budgets, ENTRANTS, range(self.runs)):
-            yield run_question(self.seed, run, entrant, TARGET, k)
+    def tasks(self) -> list[Task]:
+        return [{"initial_state": REST, "target_state": TARGET}]
 
     def section(self, data: pd.DataFrame, answered: Answered) -> Section:
+        cases = cases_of(data, ENTRANTS, num_candidates=self.size.budgets)
         return Section(
             title="Single-target sample budget (Figure 2)",
             introduction=(
-                f"From rest to {TARGET[0]:g} m, at rest again; {self.runs} runs of each method and "
-                "K. The paper leaves CEM out, as its K is a population for each of its iterations: "
-                f"{CEM.label} rolls out 40 K sequences, and the other optimisers and the refined "
-                "methods spend more than K as well. The rollouts stand in the table. A plan "
-                f"succeeds if its terminal error is at most {SUCCESS:g} m."
+                f"From rest to {TARGET[0]:g} m, at rest again; {self.size.runs} runs of each "
+                "method and K. The paper leaves CEM out, as its K is a population for each of its "
+                f"iterations: {CEM.label} rolls out 40 K sequences, and the other optimisers and "
+                "the refined methods spend more than K as well. The rollouts stand in the table. A "
+                f"plan succeeds if its terminal error is at most {SUCCESS:g} m."
             ),
             tables=(
-                _measures(data, self.budgets),
-                statistics_table(
-                    data,
+                grid.of_cases(
                     self.name,
-                    "terminal_error",
-                    ENTRANTS,
-                    "num_candidates",
-                    self.budgets,
-                    unit="run",
-                    digits=4,
+                    "Mean ± standard deviation over the runs, and the share of runs that succeed.",
+                    cases,
+                    grid.spread("Terminal error (m)", ERROR, 4),
+                    grid.within(f"Within {SUCCESS:g} m", ERROR, SUCCESS),
+                    grid.spread("Energy (m²/s⁴)", ENERGY, 1),
+                    grid.spread("Stuck steps", "stuck_steps", 1),
+                    grid.mean("Rollouts", "rollouts", 0),
                 ),
-                times_table(data, self.name, "a plan", ENTRANTS, "num_candidates", self.budgets),
-                *(_wins(data, k) for k in self.budgets),
+                grid.statistics(self.name, cases, ERROR, "run", digits=4),
+                grid.times(self.name, cases, "a plan"),
+                *grid.wins(self.name, cases, ERROR, "Terminal error", "run"),
             ),
-            pictures=(_picture(data, self.budgets),),
-            claims=_claims(data, self.budgets),
+            pictures=(_picture(data, self.size.budgets),),
+            claims=_claims(data, self.size.budgets),
         )
 
 
-def run_question(
-    seed: int, run: int, entrant: Entrant, target: State, num_candidates: int, **labels: float
-) -> Question:
-    """Ask `entrant` for a plan from rest at the origin to one target, again for each run.
-
-    Args:
-        seed: of the suite; with the run it decides the request's.
-        run: from 0.
-        entrant: who plans.
-        target: position (m) and velocity (m/s).
-        num_candidates: K.
-        labels: more columns of the suite's data.
-    """
-    fields = {"initial_state": REST, "target_state": target}
-    return question_to(entrant, PlanRequest, fields, num_candidates, seed, 0, run, labels=labels)
-
-
-def _measures(data: pd.DataFrame, budgets: tuple[int, ...]) -> Table:
-    rows = []
-    for k, entrant in product(budgets, ENTRANTS):
-        of = rows_of(data, entrant, num_candidates=k)
-        rows.append(
-            (
-                entrant.label,
-                str(k),
-                mean_and_spread(of.terminal_error, 4),
-                percent((of.terminal_error <= SUCCESS).mean()),
-                mean_and_spread(of.control_energy, 1),
-                mean_and_spread(of.stuck_steps, 1),
-                f"{of.rollouts.mean():.0f}",
-            )
-        )
-    return Table(
-        "sample-budget",
-        "Mean ± standard deviation over the runs, and the share of runs that succeed.",
-        ("Method", "K", "Terminal error (m)", f"Within {SUCCESS:g} m", "Energy (m²/s⁴)",
-         "Stuck steps", "Rollouts"),
-        rows,
-    )  # fmt: skip
-
-
-def _wins(data: pd.DataFrame, k: int) -> Table:
-    errors = {entrant: _errors(data, entrant, k) for entrant in ENTRANTS}
-    return wins(errors, f"sample-budget-wins-{k}", f"Terminal error, K = {k}", "runs")
-
-
-def _picture(data: pd.DataFrame, budgets: tuple[int, ...]) -> Picture:
+def _picture(data: pd.DataFrame, budgets: Sequence[int]) -> Picture:
+    drawn = data.assign(terminal_error=data.terminal_error.clip(lower=LEAST_ERROR))
+    cases = cases_of(drawn, ENTRANTS, num_candidates=budgets)
     figure = new_figure(PAGE_INCHES, 3.2)
-    axes = figure.subplots(1, 3)
-    shown = data.assign(terminal_error=data.terminal_error.clip(lower=LEAST_ERROR))
-    draw_over_budget(
-        axes[0], shown, ENTRANTS, budgets, "terminal_error", "terminal error (m)", "log",
-        unit="run", bars=spread,
-    )  # fmt: skip
-    for panel, measure, label in (
-        (axes[1], "control_energy", "control energy (m²/s⁴)"),
-        (axes[2], "stuck_steps", "stuck steps"),
-    ):
-        draw_over_budget(panel, data, ENTRANTS, budgets, measure, label, unit="run", bars=spread)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    errors, energies, stuck = figure.subplots(1, 3)
+    draw_over_budget(errors, cases, ERROR, "terminal error (m)", "log", "run", spread)
+    draw_over_budget(energies, cases, ENERGY, "control energy (m²/s⁴)", "linear", "run", spread)
+    draw_over_budget(stuck, cases, "stuck_steps", "stuck steps", "linear", "run", spread)
+    draw_legend(figure, "outside upper center", columns=5)
     return Picture(
         "sample-budget",
         f"From rest to {TARGET[0]:g} m: means over the runs, with a standard deviation to either "
@@ -161,69 +85,59 @@ def _picture(data: pd.DataFrame, budgets: tuple[int, ...]) -> Picture:
     )
 
 
-def _errors(data: pd.DataFrame, entrant: Entrant, k: int) -> NDArray[np.float64]:
-    """Return the terminal errors of an entrant's runs, (runs,), in m."""
-    return column(data, entrant, "terminal_error", num_candidates=k)
-
-
-def _claims(data: pd.DataFrame, budgets: tuple[int, ...]) -> tuple[Claim, ...]:
-    low = budgets[0]
-
-    def success(entrant: Entrant, k: int) -> float:
-        return float(np.mean(_errors(data, entrant, k) <= SUCCESS))
-
-    def error(entrant: Entrant, k: int) -> Interval:
-        return interval(_errors(data, entrant, k))
-
-    def shown(entrant: Entrant) -> str:
-        of_budgets = (
-            f"{with_interval(error(entrant, k), 4)} m at K = {k} "
-            f"({percent(success(entrant, k))} within {SUCCESS:g} m)"
-            for k in budgets
-        )
-        return f"{entrant.label}: {', '.join(of_budgets)}."
-
-    lead = {
-        k: paired_difference(_errors(data, PAPER_DIFFUSION, k), _errors(data, DATASET_PRIOR, k))
+def _claims(data: pd.DataFrame, budgets: Sequence[int]) -> tuple[Claim, ...]:
+    learned, uniform = (
+        cases_of(data, [entrant], num_candidates=budgets) for entrant in (PAPER_DIFFUSION, UNIFORM)
+    )
+    thrifty = [
+        min(cases_of(data, ENTRANTS, num_candidates=[k]), key=lambda case: case.mean(ENERGY))
         for k in budgets
-    }
-    thrifty = {
-        k: min(ENTRANTS, key=lambda of: column(data, of, "control_energy", num_candidates=k).mean())
-        for k in budgets
-    }
-    thrifty_error = {k: _errors(data, thrifty[k], k).mean() for k in budgets}
-    least_error = {k: min(_errors(data, of, k).mean() for of in ENTRANTS) for k in budgets}
+    ]
+    least = [
+        min(case.with_entrant(entrant).mean(ERROR) for entrant in ENTRANTS) for case in thrifty
+    ]
     return (
         Claim(
             "Action Diffusion achieves low terminal error even for small K.",
-            error(PAPER_DIFFUSION, low).high < LOW_ERROR,
+            interval(learned[0].values(ERROR)).high < LOW_ERROR,
             f"Low: with 95 % confidence a mean below {LOW_ERROR:g} m, a tenth of the way. "
-            + shown(PAPER_DIFFUSION),
+            + _errors(learned),
         ),
-        Claim(
+        lower_claim(
             "The same prior without conditioning ends further from the target.",
-            all(difference.high < 0 for difference in lead.values()),
-            "Action Diffusion less the dataset prior: "
-            + ", ".join(
-                f"{with_interval(difference, 4, '+')} m at K = {k}"
-                for k, difference in lead.items()
-            )
-            + ".",
+            Lead(
+                "the dataset prior",
+                {
+                    case.place: case.less(case.with_entrant(DATASET_PRIOR), ERROR, "run")
+                    for case in learned
+                },
+                digits=4,
+            ),
         ),
         Claim(
             "Uniform random shooting remains largely ineffective across all values of K.",
-            all(success(UNIFORM, k) < INEFFECTIVE for k in budgets),
+            all(case.share_within(ERROR, SUCCESS) < INEFFECTIVE for case in uniform),
             f"Ineffective: fewer than {percent(INEFFECTIVE)} of the runs end within {SUCCESS:g} m. "
-            + shown(UNIFORM),
+            + _errors(uniform),
         ),
         Claim(
             "Low energy alone is not sufficient for successful control.",
-            all(thrifty_error[k] > least_error[k] + TIE for k in budgets),
+            all(case.mean(ERROR) > error + TIE for case, error in zip(thrifty, least, strict=True)),
             "The method with the least mean energy, its mean error and the least of all: "
             + "; ".join(
-                f"K = {k}: {thrifty[k].label}, {thrifty_error[k]:.4f} m, {least_error[k]:.4f} m"
-                for k in budgets
+                f"{case.place}: {case.entrant.label}, {case.mean(ERROR):.4f} m, {error:.4f} m"
+                for case, error in zip(thrifty, least, strict=True)
             )
             + ".",
         ),
     )
+
+
+def _errors(cases: list[Case]) -> str:
+    """Say how far from the target an entrant ends at each K."""
+    shown = (
+        f"{with_interval(interval(case.values(ERROR)), 4)} m at {case.place} "
+        f"({percent(case.share_within(ERROR, SUCCESS))} within {SUCCESS:g} m)"
+        for case in cases
+    )
+    return f"{cases[0].entrant.label}: {', '.join(shown)}."

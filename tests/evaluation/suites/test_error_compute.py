@@ -16,7 +16,7 @@ from app.wire.requests import PlanRequest
 from tests.evaluation.synthetic import plan_answer, section_of, split
 
 SUITE = ErrorCompute(seed=3, quick=True)
-LOW, HIGH = SUITE.budgets
+LOW, HIGH = SUITE.size.budgets
 
 Point = tuple[float, float]
 """Error (m) and time (ms)."""
@@ -64,7 +64,7 @@ def test_every_point_gets_the_same_runs_and_the_runs_come_outermost() -> None:
         )  # fmt: skip
         assert getattr(request.method, "iterations", 40) == (labels["iterations"] or 40)
     assert runs == sorted(runs)
-    assert len(asked) == len(POINTS) * len(SUITE.budgets)
+    assert len(asked) == len(POINTS) * len(SUITE.size.budgets)
     expected = [(0, run, (0.0, 0.0), (0.5, 0.0), request_seed(3, 0, run)) for run in range(2)]
     assert all(questions == expected for questions in asked.values())
 
@@ -139,8 +139,8 @@ def test_cem_s_points_that_are_as_good_are_named() -> None:
 
 
 def test_any_other_method_may_dominate() -> None:
-    slow = {(REFINED_PRIOR.label, k): (1e-16, 9e3) for k in SUITE.budgets}
-    fast = {(DIFFUSION.label, k): (1e-4, 5.0) for k in SUITE.budgets}
+    slow = {(REFINED_PRIOR.label, k): (1e-16, 9e3) for k in SUITE.size.budgets}
+    fast = {(DIFFUSION.label, k): (1e-4, 5.0) for k in SUITE.size.budgets}
     claim = section(WORLD | slow | fast).claims[2]
     assert claim.confirmed
     assert f"{DIFFUSION.label} at K = 16; {DIFFUSION.label} at K = 32." in claim.evidence

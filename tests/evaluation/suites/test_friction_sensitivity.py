@@ -28,14 +28,14 @@ SUITE = FrictionSensitivity(seed=3, quick=True)
 World = Mapping[tuple[Entrant, float], float]
 ERRORS: World = {
     (entrant, friction): {PAPER_DIFFUSION: 0.1, CEM: 0.3, DATASET_PRIOR: 0.4}.get(entrant, 0.05)
-    for entrant in SUITE.entrants
+    for entrant in SUITE.size.entrants
     for friction in FRICTIONS
 }
 """A world in which all is as the paper says."""
 
 
 def section(errors: World = ERRORS, compute_ms: float = 1.0) -> Section:
-    by_label = {entrant.label: entrant for entrant in SUITE.entrants}
+    by_label = {entrant.label: entrant for entrant in SUITE.size.entrants}
 
     def answer(question: Question) -> Answer:
         labels = question.labels
@@ -56,7 +56,7 @@ def test_everybody_gets_the_same_tasks_and_seeds_for_every_friction() -> None:
         asked[labels["entrant"], labels["static_friction"]].append(
             (labels["task"], labels["run"], request.targets, request.seed)
         )
-    assert len(asked) == len(SUITE.entrants) * len(FRICTIONS)
+    assert len(asked) == len(SUITE.size.entrants) * len(FRICTIONS)
     sequences = random_sequences(3, SUITE.seed)
     expected = [(task, 0, sequences[task], request_seed(SUITE.seed, task, 0)) for task in range(3)]
     assert all(questions == expected for questions in asked.values())
@@ -87,7 +87,7 @@ def test_questions_on_the_nominal_plant_are_those_of_the_random_multistep_suite(
     elsewhere = {
         question.key
         for question in other.questions()
-        if question.request.num_candidates == suite.num_candidates
+        if question.request.num_candidates in suite.size.budgets
     }
     own: dict[bool, set[str]] = {True: set(), False: set()}
     for question in suite.questions():
@@ -99,11 +99,11 @@ def test_questions_on_the_nominal_plant_are_those_of_the_random_multistep_suite(
 
 def test_a_row_for_each_method_with_the_paper_s_numbers_beside() -> None:
     errors, statistics, times = section().tables
-    assert errors.rows[0] == [
+    assert errors.rows[0] == (
         PAPER_DIFFUSION.label, "0.110 ± 0.008", "0.14 ± 0.1", "0.000", "0.110 ± 0.008",
         "0.15 ± 0.1", "0.000", "0.110 ± 0.008", "0.10 ± 0.1", "0.000",
-    ]  # fmt: skip
-    assert errors.rows[-1][:3] == [REFINED_PRIOR.label, "0.060 ± 0.008", ""]
+    )  # fmt: skip
+    assert errors.rows[-1][:3] == (REFINED_PRIOR.label, "0.060 ± 0.008", "")
     assert statistics.rows[1] == (
         DATASET_PRIOR.label, "0.6", "0.410 [0.400, 0.420]", "+0.300 [+0.300, +0.300]"
     )  # fmt: skip
@@ -121,7 +121,9 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 def test_a_line_of_each_method_is_drawn() -> None:
     (picture,) = section().pictures
     (axes,) = picture.figure.axes
-    assert [line.get_label() for line in axes.containers] == [of.label for of in SUITE.entrants]
+    assert [line.get_label() for line in axes.containers] == [
+        of.label for of in SUITE.size.entrants
+    ]
 
 
 def test_the_claim_holds_where_action_diffusion_leads_for_every_friction() -> None:

@@ -24,11 +24,11 @@ from app.evaluation.suites.learned_prior import (
     SUCCESS_GAP,
     LearnedPrior,
 )
-from app.evaluation.suites.random_targets import transition_questions
+from app.evaluation.suites.random_targets import RandomTargets
 from tests.evaluation.synthetic import plan_answer, section_of, split
 
 SUITE = LearnedPrior(seed=3, quick=True)
-TASKS = SUITE.num_tasks
+TASKS = SUITE.size.tasks
 
 
 def section(compute_ms: float = 1.0) -> Section:
@@ -86,9 +86,8 @@ def test_requests_are_refined_as_their_labels_say() -> None:
 
 def test_what_other_suites_ask_for_is_the_same_question() -> None:
     asked = {question.key for question in SUITE.questions()}
-    assert asked.issuperset(
-        question.key for question in transition_questions(3, TASKS, REFINED_DIFFUSION, 16)
-    )
+    elsewhere = list(RandomTargets(seed=3, quick=True).ask(REFINED_DIFFUSION, 16))
+    assert asked.issuperset(question.key for question in elsewhere[:TASKS])
 
 
 @pytest.mark.parametrize(

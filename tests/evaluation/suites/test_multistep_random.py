@@ -16,14 +16,14 @@ from app.evaluation.entrants import (
 )
 from app.evaluation.question import Entrant, Question
 from app.evaluation.section import Section
-from app.evaluation.suites.multistep_random import MultistepRandom, sequence_questions
+from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.tasks import random_sequences, request_seed
 from app.planning.plant.system import System
 from app.wire.requests import MultistepPlanRequest
 from tests.evaluation.synthetic import section_of, sequence_answer, split
 
 SUITE = MultistepRandom(seed=3, quick=True)
-LOW, HIGH = SUITE.budgets
+LOW, HIGH = SUITE.size.budgets
 
 World = Mapping[tuple[Entrant, int], float]
 ERRORS: World = {
@@ -33,12 +33,12 @@ ERRORS: World = {
         DATASET_PRIOR: 0.4,
     }.get(entrant, 0.6)
     for entrant in ENTRANTS
-    for k in SUITE.budgets
+    for k in SUITE.size.budgets
 }
 STUCK: World = {
     (entrant, k): {PAPER_DIFFUSION: 10, CEM: 80}.get(entrant, 50)
     for entrant in ENTRANTS
-    for k in SUITE.budgets
+    for k in SUITE.size.budgets
 }
 """A world in which all is as the paper says."""
 
@@ -65,7 +65,7 @@ def test_everybody_gets_the_same_tasks_and_seeds_at_every_k() -> None:
         asked[labels["entrant"], labels["num_candidates"]].append(
             (labels["task"], labels["run"], request.initial_state, request.targets, request.seed)
         )
-    assert len(asked) == len(ENTRANTS) * len(SUITE.budgets)
+    assert len(asked) == len(ENTRANTS) * len(SUITE.size.budgets)
     sequences = random_sequences(3, SUITE.seed)
     expected = [
         (task, run, (0.0, 0.0), sequences[task], request_seed(SUITE.seed, task, run))
@@ -85,7 +85,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_o
 
 def test_a_plant_and_more_columns_may_be_given() -> None:
     system = System(static_friction=0.8)
-    (question,) = sequence_questions(0, (1, 1), CEM, 16, system, static_friction=0.8)
+    question, *_ = SUITE.ask(CEM.asking(system=system), 16, static_friction=0.8)
     assert question.request.system == system
     assert question.labels["static_friction"] == 0.8
 
@@ -93,7 +93,7 @@ def test_a_plant_and_more_columns_may_be_given() -> None:
 def test_a_row_for_each_method_and_k_with_the_paper_s_numbers_beside() -> None:
     errors, statistics, times, *wins = section().tables
     for table in (errors, statistics, times):
-        assert len(table.rows) == len(ENTRANTS) * len(SUITE.budgets)
+        assert len(table.rows) == len(ENTRANTS) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
     assert errors.rows[0] == (
         PAPER_DIFFUSION.label, "16", "0.110 ± 0.008", "0.20 ± 0.3", "0.110 ± 0.008", "0.17 ± 0.1",
@@ -105,7 +105,7 @@ def test_a_row_for_each_method_and_k_with_the_paper_s_numbers_beside() -> None:
         "multistep-random-wins-16",
         "multistep-random-wins-32",
     ]
-    assert wins[0].rows[0][1:4] == ["", "100 %", "100 %"]
+    assert wins[0].rows[0][1:4] == ("", "100 %", "100 %")
 
 
 def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
@@ -148,7 +148,7 @@ def test_a_method_that_is_better_at_one_k_only_is_not_better_than_all() -> None:
     assert claim.evidence.endswith("none.")
 
 
-@pytest.mark.parametrize("k", SUITE.budgets)
+@pytest.mark.parametrize("k", SUITE.size.budgets)
 @pytest.mark.parametrize("other", PAPER_ENTRANTS[1:])
 def test_the_claim_on_stuck_steps_fails_where_another_has_fewer(other: Entrant, k: int) -> None:
     claim = section(stuck={**STUCK, (other, k): 9}).claims[4]

@@ -18,7 +18,7 @@ from app.wire.requests import MultistepPlanRequest
 from tests.evaluation.synthetic import section_of, sequence_answer, split
 
 SUITE = MultistepReference(seed=3, quick=True)
-LOW, HIGH = SUITE.budgets
+LOW, HIGH = SUITE.size.budgets
 
 Run = tuple[float, float]
 """Mean end error (m), and how far from the start the mass gets (m)."""
@@ -66,7 +66,7 @@ def test_everybody_gets_the_same_runs_at_every_k() -> None:
         asked[labels["entrant"], labels["num_candidates"]].append(
             (labels["task"], labels["run"], request.initial_state, request.targets, request.seed)
         )
-    assert len(asked) == len(COMPARED) * len(SUITE.budgets)
+    assert len(asked) == len(COMPARED) * len(SUITE.size.budgets)
     targets = [(0.4, 0.0), (-0.4, 0.0), (0.2, 0.0)]
     expected = [(0, run, (0.0, 0.0), targets, request_seed(3, 0, run)) for run in range(2)]
     assert all(questions == expected for questions in asked.values())
@@ -80,7 +80,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
 def test_a_row_for_each_method_and_k() -> None:
     errors, times = section_as_in_the_paper().tables
     for table in (errors, times):
-        assert len(table.rows) == len(COMPARED) * len(SUITE.budgets)
+        assert len(table.rows) == len(COMPARED) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
     assert errors.rows[2] == (
         CEM.label, "16", "0.305 ± 0.005", "0.000", "0.0 ± 0.0", "0.060 ± 0.010", "0.005",

@@ -20,8 +20,10 @@ from app.evaluation.suites.plant_sensitivity import (
 )
 from app.evaluation.suites.random_targets import RandomTargets
 from app.planning.arrays import FloatArray
+from app.planning.methods import ActionDiffusion
 from app.planning.planner import plan
 from app.planning.problem import Problem
+from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 from app.wire.requests import PlanRequest
 
@@ -52,7 +54,7 @@ def section(errors: dict[tuple[Entrant, Plant], float]) -> Section:
             "nominal_floor": 0.005,
         }
         for entrant in ENTRANTS
-        for task in range(SUITE.num_tasks)
+        for task in range(SUITE.size.tasks)
         for plant in PLANTS
     ]
     return SUITE.section(pd.DataFrame(rows), [])
@@ -75,7 +77,7 @@ def test_everybody_gets_the_first_random_transitions_with_the_same_seeds() -> No
         if isinstance(request := question.request, PlanRequest)
     ]
     assert len(asked) == len(ENTRANTS)
-    assert all(questions == elsewhere[: SUITE.num_tasks] for questions in asked.values())
+    assert all(questions == elsewhere[: SUITE.size.tasks] for questions in asked.values())
 
 
 def test_two_hundred_tasks_at_k_32() -> None:
@@ -110,7 +112,8 @@ def test_on_the_nominal_plant_the_executed_error_is_the_planned_one(
     start, target = (0.1, -0.3), (0.4, 0.2)
     method = PlanRequest(initial_state=start, target_state=target, **entrant.fields).method
     problem = Problem(np.array(start), np.array(target))
-    planned = plan(problem, method, 16, np.random.default_rng(0), refinement=refinement)
+    assert not isinstance(method, ActionDiffusion)
+    planned = plan(problem, Recipe(method, 16, refinement), np.random.default_rng(0))
     assert executed(planned.controls, start, target)["nominal", 0] == planned.terminal_error
 
 
@@ -153,10 +156,10 @@ def test_tables_of_each_parameter_have_the_means_over_the_changes() -> None:
     assert static.headings == ("Method", "-20 %", "-10 %", "Nominal", "+10 %", "+20 %")
     small = "0.014 ± 0.010"
     rows = {row[0]: row[1:] for row in static.rows}
-    assert rows[CEM.label] == [small, "0.204 ± 0.010", small, small, small]
-    assert rows[DATASET_PRIOR.label] == [small] * 5
+    assert rows[CEM.label] == (small, "0.204 ± 0.010", small, small, small)
+    assert rows[DATASET_PRIOR.label] == (small,) * 5
     assert {row[0]: row[5] for row in coulomb.rows}[CEM.label] == "0.404 ± 0.010"
-    assert all(row[1:] == [small] * 5 for row in damping.rows)
+    assert all(row[1:] == (small,) * 5 for row in damping.rows)
 
 
 def test_the_worst_plant_and_the_parameter_that_hurts_most_are_named() -> None:

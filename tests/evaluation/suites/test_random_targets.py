@@ -10,7 +10,7 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import DIFFUSION, ENTRANTS, PAPER_DIFFUSION, UNIFORM
 from app.evaluation.question import Question
 from app.evaluation.section import Section, Table
-from app.evaluation.suites.random_targets import RandomTargets, transition_questions
+from app.evaluation.suites.random_targets import RandomTargets
 from app.evaluation.tasks import random_transitions, request_seed
 from app.wire.requests import PlanRequest
 from tests.evaluation.synthetic import plan_answer, section_of, split
@@ -64,13 +64,6 @@ def test_the_quick_evaluation_asks_some_of_the_questions_of_the_whole() -> None:
     assert len(quick) == TASKS * len(ENTRANTS)
     assert quick < whole
     assert quick.isdisjoint(question.key for question in RandomTargets(4, quick=True).questions())
-
-
-def test_trajectories_may_be_asked_for() -> None:
-    (question,) = transition_questions(3, 1, DIFFUSION, 16, trajectories=True)
-    (other,) = transition_questions(3, 1, DIFFUSION, 16)
-    assert question.request == other.request
-    assert question.key != other.key
 
 
 def test_success_is_counted_by_the_error_and_out_of_reach_by_the_gap_too() -> None:

@@ -23,7 +23,7 @@ from app.wire.requests import PlanRequest
 from tests.evaluation.synthetic import plan_answer, section_of, split
 
 SUITE = SampleBudget(seed=3, quick=True)
-LOW, HIGH = SUITE.budgets
+LOW, HIGH = SUITE.size.budgets
 
 World = Mapping[tuple[Entrant, int], float]
 ERRORS: World = {
@@ -34,10 +34,12 @@ ERRORS: World = {
         REFINED_PRIOR: 1e-16,
     }.get(entrant, 0.1)
     for entrant in ENTRANTS
-    for k in SUITE.budgets
+    for k in SUITE.size.budgets
 }
 ENERGIES: World = {
-    (entrant, k): 10 if entrant == UNIFORM else 25 for entrant in ENTRANTS for k in SUITE.budgets
+    (entrant, k): 10 if entrant == UNIFORM else 25
+    for entrant in ENTRANTS
+    for k in SUITE.size.budgets
 }
 """A world in which all is as the paper says."""
 
@@ -70,7 +72,7 @@ def test_everybody_gets_the_same_runs_at_every_k() -> None:
             (labels["task"], labels["run"], request.initial_state, request.target_state,
              request.seed)
         )  # fmt: skip
-    assert len(asked) == len(ENTRANTS) * len(SUITE.budgets)
+    assert len(asked) == len(ENTRANTS) * len(SUITE.size.budgets)
     expected = [(0, run, (0.0, 0.0), (0.2, 0.0), request_seed(3, 0, run)) for run in range(3)]
     assert all(questions == expected for questions in asked.values())
 
@@ -86,7 +88,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_o
 def test_a_row_for_each_method_and_k() -> None:
     measures, statistics, times, *wins = section_as_in_the_paper().tables
     for table in (measures, statistics, times):
-        assert len(table.rows) == len(ENTRANTS) * len(SUITE.budgets)
+        assert len(table.rows) == len(ENTRANTS) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
     assert measures.rows[0] == (
         PAPER_DIFFUSION.label, "16", "0.0011 ± 0.0001", "100 %", "25.0 ± 0.0", "0.0 ± 0.0", "1",
@@ -96,7 +98,7 @@ def test_a_row_for_each_method_and_k() -> None:
     assert times.rows[0][2:] == ("1.0 ± 0.0", "2.0 ± 0.0")
     assert [table.name for table in wins] == ["sample-budget-wins-16", "sample-budget-wins-32"]
     assert wins[0].caption.startswith("Terminal error, K = 16: share of the runs")
-    assert wins[0].rows[0][1:3] == ["", "100 %"]
+    assert wins[0].rows[0][1:3] == ("", "100 %")
 
 
 def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:

@@ -58,7 +58,9 @@ def test_requests_have_the_settings_that_their_labels_say() -> None:
         methods.append(method)
         _, steps, scale = method.settings
         assert (question.labels["steps"], question.labels["guidance_scale"]) == (steps, scale)
-    assert methods == [setting for _ in SUITE.budgets for setting in SETTINGS for _ in range(3)]
+    assert methods == [
+        setting for _ in SUITE.size.budgets for setting in SETTINGS for _ in range(3)
+    ]
 
 
 def test_what_the_random_sequences_suite_asks_of_the_paper_s_setting_is_not_asked_again() -> None:
@@ -123,7 +125,7 @@ def test_every_setting_is_drawn_in_the_panel_of_its_k_and_nothing_else() -> None
 
     (picture,) = section_of(SUITE, answer).pictures
 
-    for axes, k in zip(picture.figure.axes, SUITE.budgets, strict=True):
+    for axes, k in zip(picture.figure.axes, SUITE.size.budgets, strict=True):
         *lines, reference, star = axes.lines
         points = [tuple(xy) for line in lines for xy in np.asarray(line.get_xydata()).tolist()]
         assert sorted(points) == sorted(

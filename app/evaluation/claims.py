@@ -1,0 +1,69 @@
+"""Claims of the kinds that recur: who is lower than whom, and who is lowest of all."""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from app.evaluation.case import Case
+from app.evaluation.cells import with_interval
+from app.evaluation.question import Entrant
+from app.evaluation.section import Claim
+from app.evaluation.statistics import Interval
+
+
+class Lead(NamedTuple):
+    """What Action Diffusion has less of an error than another method, in pairs, at each place."""
+
+    other: str
+    differences: Mapping[str, Interval]
+    """Of Action Diffusion less the other (m), negative where it leads; by the place."""
+    digits: int = 3
+
+    @property
+    def certain(self) -> bool:
+        """Whether the whole interval is below zero at every place."""
+        return all(difference.high < 0 for difference in self.differences.values())
+
+    @property
+    def narrows(self) -> bool:
+        """Whether it is smaller at the last place than at the first."""
+        first, *_, last = self.differences.values()
+        return last.estimate > first.estimate
+
+    def __str__(self) -> str:
+        shown = (
+            f"{with_interval(difference, self.digits, '+')} m at {place}"
+            for place, difference in self.differences.items()
+        )
+        return f"Action Diffusion less {self.other}: {', '.join(shown)}."
+
+
+def lead_over(other: Entrant, cases: Iterable[Case], measure: str) -> Lead:
+    """Measure the lead of Action Diffusion's `cases` over `other`, paired by the tasks."""
+    differences = {case.place: case.less(case.with_entrant(other), measure) for case in cases}
+    return Lead(other.label, differences)
+
+
+def lower_claim(statement: str, *leads: Lead) -> Claim:
+    """Claim that Action Diffusion is lower than others, each paired interval below zero."""
+    return Claim(statement, all(lead.certain for lead in leads), " ".join(map(str, leads)))
+
+
+def lowest_claim(
+    statement: str, entrant: Entrant, values: Mapping[str, Mapping[Entrant, float]], form: str
+) -> Claim:
+    """Claim that `entrant` has the lowest value of all, at every place.
+
+    Args:
+        statement: of the paper.
+        entrant: who leads.
+        values: of each entrant, by the place.
+        form: how a value is written, as in "{:.3f} m".
+    """
+    shown = (
+        f"{place}: " + ", ".join(f"{each.label} {form.format(row[each])}" for each in row)
+        for place, row in values.items()
+    )
+    leads = all(
+        row[entrant] < row[other] for row in values.values() for other in row if other != entrant
+    )
+    return Claim(statement, leads, f"{'; '.join(shown)}.")

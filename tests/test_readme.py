@@ -15,20 +15,35 @@ from app.client import AsyncPlannerClient
 from app.evaluation.entrants import ENTRANTS
 from app.evaluation.run import evaluate
 from app.evaluation.suites import SUITES
-from app.evaluation.suites.learned_prior import REFINED_BY
-from app.evaluation.suites.sampler_frontier import SOLVERS
 from app.planning.methods import METHODS
 from app.settings import SHIPPED_MODELS, Settings
 from app.wire.answers import PlanResponse
 from tests.served import serving, wait_until_ready
 
 REPORT = SHIPPED_MODELS / "dry-friction-fs0.7" / "1" / "evaluation"
-README = (Path(__file__).parents[1] / "README.md").read_text()
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+EVALUATION_PAGE = (ROOT / "app" / "evaluation" / "README.md").read_text()
+LONGEST = 250
+"""Lines that a newcomer can be asked to read."""
+
+
+def test_it_is_short() -> None:
+    assert len(README.splitlines()) <= LONGEST
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *sorted(ROOT.glob("[amt]*/**/README.md"))], ids=str
+)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\((?!https?://)([^)#]+)\)", page.read_text())
+    for link in links:
+        assert (page.parent / link).exists(), link
 
 
 def test_the_request_shown_gets_the_answer_shown() -> None:
     request = json.loads(re.findall(r"-d '(\{.*?\})'", README, re.DOTALL)[0])
-    shown = json.loads(re.findall(r"```json\n(.*?)```", README, re.DOTALL)[0])
+    shown = json.loads(re.findall(r"```json\n(.*?)```", README, re.DOTALL)[0].replace(" ...,", ""))
     with serving(Settings(model_store=SHIPPED_MODELS)) as client:
         wait_until_ready(client)
         answer = client.post("/plan", json=request).json()
@@ -45,22 +60,16 @@ def test_every_method_is_in_the_table() -> None:
         assert f"| `{method().name}` |" in README
 
 
-def test_every_suite_is_in_the_table() -> None:
+def test_every_suite_is_in_its_table() -> None:
     for name in SUITES:
-        assert f"| `{name}` |" in README
+        assert f"| `{name}` |" in EVALUATION_PAGE
 
 
-def test_every_result_shown_is_the_report_s() -> None:
-    """Rows that begin with a method's or a sampler's name, or with a way of refining."""
+def test_the_one_table_of_results_is_the_report_s() -> None:
     report = {_cells(line) for line in (REPORT / "report.md").read_text().splitlines()}
-    first_cells = {entrant.label for entrant in ENTRANTS} | set(REFINED_BY)
-    solvers = tuple(name for name, _ in SOLVERS.values())
-    rows = [
-        cells
-        for cells in map(_cells, README.splitlines())
-        if len(cells) > 2 and (cells[0] in first_cells or cells[0].startswith(solvers))
-    ]
-    assert len(rows) > 50
+    labels = {entrant.label for entrant in ENTRANTS}
+    rows = [cells for cells in map(_cells, README.splitlines()) if cells[0] in labels]
+    assert len(rows) > 5
     for row in rows:
         assert row in report
 
@@ -83,10 +92,3 @@ def test_the_report_comes_of_its_answers(tmp_path: Path) -> None:
     for file in REPORT.rglob("*"):
         if file.suffix in {".md", ".html", ".tex", ".csv"}:
             assert (tmp_path / file.relative_to(REPORT)).read_text() == file.read_text(), file
-
-
-def test_every_picture_shown_is_there() -> None:
-    pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", README)
-    assert pictures
-    for picture in pictures:
-        assert (SHIPPED_MODELS.parent / picture).is_file()

@@ -42,6 +42,7 @@ from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON, Problem
 from app.planning.reachable.reachability import reachability
+from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement, refine
 
 
@@ -104,9 +105,9 @@ def proposed(method: DatasetPrior | CEM, num_candidates: int) -> Planner:
     """Plan by `method` alone: `plan` without the measures and the floor that it reports."""
 
     def planner(problem: Problem, rng: np.random.Generator) -> Answer:
-        controls = method.propose(problem, num_candidates, rng, None).controls
+        controls = method.propose(problem, num_candidates, rng).controls
         best = controls[np.argmin(errors_of(problem, controls))]
-        return Answer(best, method.cost(num_candidates).rollouts + num_candidates)
+        return Answer(best, Recipe(method, num_candidates).cost().rollouts)
 
     return planner
 
@@ -115,7 +116,7 @@ def refined(method: DatasetPrior | Uniform, num_candidates: int) -> Planner:
     """Plan by `method` and refinement."""
 
     def planner(problem: Problem, rng: np.random.Generator) -> Answer:
-        candidates = method.propose(problem, num_candidates, rng, None)
+        candidates = method.propose(problem, num_candidates, rng)
         result = refine(problem, candidates.controls, Refinement())
         return Answer(result.controls[np.argmin(result.errors)], result.rollouts)
 

@@ -18,14 +18,14 @@ from app.planning.plant.rollout import step
 from app.planning.plant.system import System
 
 @compiled
-def push(control, parameters):
+def push(control, plant):
     position, velocity = 0.0, 0.0
     for _ in range(10):
-        position, velocity = step(position, velocity, control, parameters)
+        position, velocity = step(position, velocity, control, plant)
     return position
 
 if __name__ == "__main__":
-    print(push(0.9, System().parameters).hex())
+    print(push(0.9, System().plant).hex())
 """
 NOWHERE = "/dev/null/nowhere"
 
@@ -68,8 +68,8 @@ def block_caches_in(source: Path) -> None:
 
 def edit_plant(source: Path) -> None:
     """Make a mass break away faster."""
-    plant = source / "app" / "planning" / "plant" / "system.py"
-    edited = plant.read_text().replace("velocity += time_step", "velocity += 2 * time_step")
+    plant = source / "app" / "planning" / "plant" / "friction.py"
+    edited = plant.read_text().replace("velocity + time_step *", "velocity + 2 * time_step *")
     assert edited != plant.read_text()
     plant.write_text(edited)
 
@@ -137,7 +137,7 @@ def test_an_edit_under_inference_leaves_the_kernels_of_planning_in_their_cache(
         run(source, str(cache), "-c", call)
         return {path for path in cache.glob("*/*") if path.is_dir()}
 
-    plan = "from app.planning.plant.system import *; step(0.0, 0.0, 0.0, System().parameters)"
+    plan = "from app.planning.plant.rollout import *; step(0.0, 0.0, 0.0, System().plant)"
     infer = "from app.inference.kernel.convolution import *; make_scratch(8, 16)"
     planning = folders_after(plan)
     both = folders_after(infer)

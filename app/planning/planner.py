@@ -37,6 +37,7 @@ def plan(
     stop.check()
     started = perf_counter()
     proposal = recipe.method.propose(problem, recipe.num_candidates, rng, stop)
+    stop.check()
     if not np.all(np.isfinite(proposal.controls)):
         raise PlanningError(f"{recipe.method.name} proposed controls that are not finite")
     plant = problem.system.plant

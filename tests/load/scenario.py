@@ -4,7 +4,6 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
-from app.planning.planner import plan_cost
 from app.planning.problem import DEFAULT_HORIZON
 from app.wire.requests import PlanRequest
 
@@ -66,11 +65,7 @@ def question(seed: int, index: int) -> Question:
 def _size(request: PlanRequest) -> tuple[int, float]:
     """Return the rows that a plan sends through the network, and about how long it takes (s)."""
     k = request.num_candidates
-    cost = plan_cost(request.method, k)
-    if request.initial:
-        cost += request.initial.method.cost(k)
-    if request.refine:
-        cost += request.refine.cost(k)
+    cost = request.recipe().cost()
     rows = k * cost.network_evaluations
     steps = cost.rollouts * (request.horizon or DEFAULT_HORIZON)
     return rows, SECONDS_PER_PLAN + SECONDS_PER_ROW * rows + SECONDS_PER_STEP * steps

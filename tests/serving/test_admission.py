@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from types import SimpleNamespace
@@ -11,7 +12,6 @@ from typing import Any, cast
 import pytest
 
 from app.inference.engine import Tick
-from app.inference.job import Job
 from app.inference.model_store import Model
 from app.inference.pace import Pace
 from app.serving.admission import MARGIN, MARGIN_SECONDS, Admission, Refused, Work
@@ -30,14 +30,24 @@ def in_time_if_it_takes(seconds: float) -> float:
 
 
 def sampling(rows: int, seconds: float = 60) -> Work:
-    job = Job(rows, in_time_if_it_takes(seconds))
-    return Work(job, MODEL, rows_per_step=10, rollout_steps=0, kind="action_diffusion")
+    return Work(
+        rows,
+        deadline=in_time_if_it_takes(seconds),
+        model=MODEL,
+        rows_per_step=10,
+        rollout_steps=0,
+        kind="action_diffusion",
+    )
 
 
 def computing(takes: float, seconds: float = 60) -> Work:
-    steps = int(takes / SECONDS_PER_STEP)
     return Work(
-        Job(0, in_time_if_it_takes(seconds)), None, rows_per_step=2, rollout_steps=steps, kind="cem"
+        0,
+        deadline=in_time_if_it_takes(seconds),
+        model=None,
+        rows_per_step=2,
+        rollout_steps=int(takes / SECONDS_PER_STEP),
+        kind="cem",
     )
 
 
@@ -69,8 +79,7 @@ def test_no_more_is_taken_on_than_the_settings_allow(
 ) -> None:
     admits, work = admission(**settings), make()
     for _ in range(2):
-        job = Job(work.job.rows_left)
-        admit(stack, admits, Work(job, work.model, 10, work.rollout_steps, ""))
+        admit(stack, admits, replace(work, deadline=math.inf, kind=""))
 
     with pytest.raises(Refused, match=what) as refused:
         admit(stack, admits, work)
@@ -79,7 +88,7 @@ def test_no_more_is_taken_on_than_the_settings_allow(
 
     stack.close()
     admit(stack, admits, work)
-    assert admits.jobs == [work.job]
+    assert admits.works == [work]
 
 
 def test_what_was_taken_on_is_forgotten_when_it_is_done_however_it_ends() -> None:
@@ -128,14 +137,14 @@ def test_who_would_make_another_one_late_is_refused(stack: ExitStack) -> None:
     with pytest.raises(Refused, match="another"):
         admit(stack, admits, sampling(1500))
 
-    promised.job.rows_left = 100
+    promised.rows_left = 100
     admit(stack, admits, sampling(1500))
 
 
 def test_who_would_hold_up_one_that_is_late_already_is_refused(stack: ExitStack) -> None:
     admits = admission()
     late = admit(stack, admits, sampling(2000, seconds=2.1))
-    late.job.rows_left = 2500
+    late.rows_left = 2500
     with pytest.raises(Refused, match="another"):
         admit(stack, admits, sampling(100, seconds=5))
 
@@ -143,7 +152,7 @@ def test_who_would_hold_up_one_that_is_late_already_is_refused(stack: ExitStack)
 def test_one_whose_deadline_has_passed_holds_up_nobody(stack: ExitStack) -> None:
     admits = admission()
     late = admit(stack, admits, sampling(2000, seconds=2.1))
-    late.job.deadline = perf_counter()
+    late.deadline = perf_counter()
     admit(stack, admits, sampling(100, seconds=5))
 
 
@@ -159,7 +168,7 @@ def test_a_long_compiled_plan_that_would_slow_down_a_promised_sampling_is_refuse
 
 def test_what_is_pending_is_told_by_model(stack: ExitStack) -> None:
     admits = admission()
-    admit(stack, admits, sampling(100)).job.rows_left = 70
+    admit(stack, admits, sampling(100)).rows_left = 70
     admit(stack, admits, sampling(50))
     admit(stack, admits, computing(1))
 

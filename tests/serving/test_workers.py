@@ -10,7 +10,6 @@ from typing import Any, TypeVar, cast
 
 import pytest
 
-from app.inference.job import Job
 from app.inference.model_store import Model
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
@@ -24,16 +23,16 @@ T = TypeVar("T")
 MODEL = cast(Model, SimpleNamespace(label="fake/1", pace=Pace(16, 1e-6)))
 
 
-def compiled() -> Work:
-    return Work(Job(0), None, rows_per_step=2, rollout_steps=1, kind="cem")
+def compiled(rollout_steps: int = 1) -> Work:
+    return Work(0, model=None, rows_per_step=2, rollout_steps=rollout_steps, kind="cem")
 
 
 def long_one() -> Work:
-    return Work(Job(0), None, rows_per_step=2, rollout_steps=10**8, kind="cem")
+    return compiled(rollout_steps=10**8)
 
 
 def with_network() -> Work:
-    return Work(Job(1), MODEL, rows_per_step=2, rollout_steps=1, kind="action_diffusion")
+    return Work(1, model=MODEL, rows_per_step=2, rollout_steps=1, kind="action_diffusion")
 
 
 async def never() -> None:
@@ -70,7 +69,7 @@ class Service:
         seconds: float = 60,
         gone: Callable[[], Coroutine[Any, Any, None]] = never,
     ) -> T:
-        work.job.deadline = perf_counter() + seconds
+        work.deadline = perf_counter() + seconds
         return await self.workers.run(work, function, gone)
 
     def assert_idle(self) -> None:
@@ -96,7 +95,7 @@ def test_a_plan_comes_back_with_the_time_that_it_waited() -> None:
 def test_a_plan_ends_at_its_deadline(work: Callable[[], Work]) -> None:
     service, plan = Service(1), work()
     with pytest.raises(DeadlineExceeded):
-        asyncio.run(service.run(plan, until_stopped(plan.job.stop), seconds=0.05))
+        asyncio.run(service.run(plan, until_stopped(plan.stop), seconds=0.05))
     service.assert_idle()
 
 
@@ -104,7 +103,7 @@ def test_a_plan_ends_at_its_deadline(work: Callable[[], Work]) -> None:
 def test_a_plan_ends_when_its_client_goes(work: Callable[[], Work]) -> None:
     service, plan = Service(1), work()
     with pytest.raises(ClientGone):
-        asyncio.run(service.run(plan, until_stopped(plan.job.stop), gone=soon))
+        asyncio.run(service.run(plan, until_stopped(plan.stop), gone=soon))
     service.assert_idle()
 
 
@@ -222,7 +221,7 @@ def test_what_is_refused_is_not_begun() -> None:
 
     async def scenario() -> None:
         stop = compiled()
-        first = asyncio.create_task(service.run(stop, until_stopped(stop.job.stop), 0.2))
+        first = asyncio.create_task(service.run(stop, until_stopped(stop.stop), 0.2))
         await asyncio.sleep(0.01)
         with pytest.raises(Refused):
             await service.run(compiled(), begun.append)

@@ -6,6 +6,7 @@ from app.planning.planner import plan
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
 from app.planning.problem import Cost, Problem
+from app.planning.recipe import Recipe
 
 PROBLEM = Problem(np.zeros(2), np.array([0.4, 0.0]), System(control_limit=1.5), horizon=50)
 
@@ -13,7 +14,7 @@ PROBLEM = Problem(np.zeros(2), np.array([0.4, 0.0]), System(control_limit=1.5), 
 def test_the_candidates_are_draws_of_its_prior_for_the_plant_and_horizon() -> None:
     prior = ControlPrior(num_segments=4, filter_coefficient=0.0)
 
-    proposal = DatasetPrior(prior=prior).propose(PROBLEM, 30, np.random.default_rng(2), None)
+    proposal = DatasetPrior(prior=prior).propose(PROBLEM, 30, np.random.default_rng(2))
 
     np.testing.assert_array_equal(
         proposal.controls, prior.sample(30, 50, 1.5, np.random.default_rng(2))
@@ -29,7 +30,7 @@ def test_its_kicks_get_further_than_uniform_shooting() -> None:
 
     def mean_error(method: DatasetPrior | Uniform) -> float:
         errors = [
-            plan(task, method, 128, np.random.default_rng(seed)).terminal_error
+            plan(task, Recipe(method, 128), np.random.default_rng(seed)).terminal_error
             for seed in range(20)
         ]
         return float(np.mean(errors))

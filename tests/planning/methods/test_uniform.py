@@ -8,7 +8,7 @@ PROBLEM = Problem(np.zeros(2), np.array([0.4, 0.0]), System(control_limit=1.5), 
 
 
 def test_controls_are_uniform_within_the_limit() -> None:
-    controls = Uniform().propose(PROBLEM, 2000, np.random.default_rng(0), None).controls
+    controls = Uniform().propose(PROBLEM, 2000, np.random.default_rng(0)).controls
 
     assert controls.shape == (2000, 50)
     np.testing.assert_allclose(
@@ -17,7 +17,7 @@ def test_controls_are_uniform_within_the_limit() -> None:
 
 
 def test_controls_are_independent_of_one_another() -> None:
-    controls = Uniform().propose(PROBLEM, 5000, np.random.default_rng(0), None).controls
+    controls = Uniform().propose(PROBLEM, 5000, np.random.default_rng(0)).controls
 
     assert np.max(np.abs(np.corrcoef(controls.T) - np.eye(50))) < 0.07
 

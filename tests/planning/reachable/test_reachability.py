@@ -18,6 +18,7 @@ from app.planning.plant.rollout import rollout, terminal_state
 from app.planning.plant.system import System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import REACHABLE_WITHIN, Reachability, reachability
+from app.planning.recipe import Recipe
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROUNDING = 1e-9
@@ -97,8 +98,8 @@ def test_no_method_beats_the_floor(method: DatasetPrior | CEM) -> None:
     gaps = []
     for _ in range(5):
         problem = Problem(np.zeros(2), np.array([rng.uniform(-2, 2), rng.uniform(-0.2, 0.2)]))
-        found = plan(problem, method, num_candidates=64, rng=rng).terminal_error
-        gaps.append(found - reachability(problem).floor)
+        error = plan(problem, Recipe(method, 64), rng).terminal_error
+        gaps.append(error - reachability(problem).floor)
     assert min(gaps) >= -ROUNDING
 
 
@@ -197,13 +198,13 @@ def _search(
     start: FloatArray,
     target: FloatArray,
     horizon: int,
-    parameters: Parameters,
+    plant: Plant,
     restarts: int,
     steps: int,
 ) -> float:
     """Return the least terminal error that a multi-start local search finds."""
-    limit, static = parameters[3], parameters[0]
-    least = min(static, limit)
+    limit = plant.highest_control
+    least = min(plant.static_friction, limit)
     levels = np.array([-limit, -least, 0.0, least, limit])
     best = np.inf
     controls, trial = np.empty(horizon), np.empty(horizon)
@@ -213,7 +214,7 @@ def _search(
             if rng.random() < 3.0 / horizon:
                 level = levels[rng.integers(0, 5)]
             controls[k] = level
-        p, v = terminal_state(controls, start[0], start[1], parameters)
+        p, v = terminal_state(controls, start[0], start[1], plant)
         error = math.hypot(p - target[0], v - target[1])
         spread = limit
         for i in range(steps):
@@ -225,7 +226,7 @@ def _search(
                 if rng.random() < 0.2:
                     trial[k] = levels[rng.integers(0, 5)] * (1 + 1e-6 * rng.random())
                 trial[k] = min(limit, max(-limit, trial[k]))
-            p, v = terminal_state(trial, start[0], start[1], parameters)
+            p, v = terminal_state(trial, start[0], start[1], plant)
             found = math.hypot(p - target[0], v - target[1])
             if found <= error:
                 error = found
@@ -241,7 +242,7 @@ def gap_of_search(rng: np.random.Generator, horizons: list[int], restarts: int) 
     reach = horizon * system.time_step
     target = start + rng.uniform(-1, 1, 2) * np.array([0.5 * reach**2 + 0.3 * reach, 0.5 * reach])
     floor = floor_of(system, start, target, horizon).floor
-    found = _search(rng, start, target, horizon, system.parameters, restarts, 1500)
+    found = _search(rng, start, target, horizon, system.plant, restarts, 1500)
     return float(found - floor)
 
 

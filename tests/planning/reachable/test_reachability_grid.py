@@ -17,9 +17,7 @@ LEVELS = 25
 
 
 @compiled
-def reached(
-    velocity: float, horizon: int, controls: FloatArray, parameters: Parameters
-) -> FloatArray:
+def reached(velocity: float, horizon: int, controls: FloatArray, plant: Plant) -> FloatArray:
     """Return states reached from (0, velocity) in `horizon` steps, at most one a cell: (N, 2).
 
     Every state kept is one that the controls really lead to; the grid only thins them out.
@@ -34,7 +32,7 @@ def reached(
         found = 0
         for i in range(count):
             for control in controls:
-                p, v = step(states[i, 0], states[i, 1], control, parameters)
+                p, v = step(states[i, 0], states[i, 1], control, plant)
                 row, column = round(p / CELL) + HALF, round(v / CELL) + HALF
                 inside = 0 <= row < size and 0 <= column < size
                 if inside and not taken[row, column]:
@@ -66,7 +64,7 @@ def test_the_grid_never_beats_the_floor_and_comes_near_it(
     levels = np.unique(
         np.concatenate([np.linspace(-limit, limit, LEVELS), edges, np.negative(edges)])
     )
-    states = reached(velocity, horizon, levels, system.parameters)
+    states = reached(velocity, horizon, levels, system.plant)
     assert len(states) > 20
     start = np.array([0.0, velocity])
     rng = np.random.default_rng(0)

@@ -1,4 +1,7 @@
-"""The least energy and roughness of a motion, held against CasADi and IPOPT (`pytest -m slow`)."""
+"""The least energy and smoothness of a motion: stationary, and IPOPT finds no less.
+
+CasADi and IPOPT take their time (`pytest -m slow`).
+"""
 
 from typing import Any
 
@@ -6,11 +9,27 @@ import numpy as np
 import pytest
 
 from app.planning.arrays import FloatArray
-from app.planning.objectives import Objective
+from app.planning.objectives import CONTROL_ENERGY, CONTROL_SMOOTHNESS, Objective
 from app.planning.plant.rollout import rollout
+from app.planning.plant.sensitivity import linearise
 from app.planning.prior import ControlPrior
 from app.planning.problem import Problem
 from app.planning.refining.refinement import Refinement, refine
+
+ROUNDING = 2e-12
+
+
+def test_the_least_energy_is_a_combination_of_the_sensitivities() -> None:
+    # Stationarity where no bound or switch is in the way: u = J^T y.
+    problem = Problem(np.array([0.0, 0.4]), np.array([1.4, 0.5]), horizon=64)
+    refined = refine(problem, np.full((1, 64), 0.65), Refinement(), CONTROL_ENERGY)
+    assert refined.errors[0] < ROUNDING
+    controls = refined.controls[0]
+    assert np.all(np.abs(controls) < problem.system.control_limit)
+    jacobian = np.empty((2, 64))
+    linearise(controls, problem.task, jacobian)
+    multipliers, *_ = np.linalg.lstsq(jacobian.T, controls)
+    np.testing.assert_allclose(jacobian.T @ multipliers, controls, atol=1e-6)
 
 
 def least_by_ipopt(problem: Problem, controls: FloatArray, objective: Objective) -> float:
@@ -54,7 +73,7 @@ def least_by_ipopt(problem: Problem, controls: FloatArray, objective: Objective)
         p = p + dt * v
     constraints += [(p, states[-1, 0], states[-1, 0]), (v, states[-1, 1], states[-1, 1])]
     expressions, lows, highs = zip(*constraints, strict=True)
-    cost = casadi.sumsqr(u if objective == "control_energy" else u[1:] - u[:-1])
+    cost = casadi.sumsqr(u if objective is CONTROL_ENERGY else u[1:] - u[:-1])
     program = {"x": u, "f": cost, "g": casadi.vertcat(*expressions)}
     options = {"print_level": 0, "sb": "yes", "tol": 1e-9, "bound_relax_factor": 0.0}
     solver = casadi.nlpsol("least", "ipopt", program, {"print_time": 0, "ipopt": options})
@@ -64,7 +83,7 @@ def least_by_ipopt(problem: Problem, controls: FloatArray, objective: Objective)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("objective", ["control_energy", "control_smoothness"])
+@pytest.mark.parametrize("objective", [CONTROL_ENERGY, CONTROL_SMOOTHNESS])
 @pytest.mark.parametrize("target_speed", [0.0, 0.5])
 def test_ipopt_finds_no_less_in_the_same_motion(objective: Objective, target_speed: float) -> None:
     savings = []
@@ -75,7 +94,7 @@ def test_ipopt_finds_no_less_in_the_same_motion(objective: Objective, target_spe
         proposed = ControlPrior().sample(4, problem.horizon, problem.system.control_limit, rng)
         refined = refine(problem, proposed, Refinement(), objective)
         best = refined.controls[np.argmin(refined.errors)]
-        least = best if objective == "control_energy" else np.diff(best)
+        least = best if objective is CONTROL_ENERGY else np.diff(best)
         ours = float(np.sum(least**2))
         savings.append((ours - least_by_ipopt(problem, best, objective)) / max(ours, 1e-3))
     assert max(savings) < 1e-3

@@ -1,0 +1,62 @@
+"""What a plan takes is known before it is made: exactly, or as a bound where it is refined."""
+
+import numpy as np
+import pytest
+
+from app.planning.methods import CEM, ActionDiffusion, DatasetPrior, Uniform, WarmStarted
+from app.planning.methods.base import Method
+from app.planning.objectives import CONTROL_ENERGY
+from app.planning.planner import plan
+from app.planning.problem import Cost, Problem
+from app.planning.recipe import Recipe
+from app.planning.refining.refinement import Refinement
+from tests.planning.fakes import Fixed, every_method
+
+PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
+
+
+def test_a_plan_takes_a_rollout_of_each_candidate_on_top_of_the_proposal() -> None:
+    assert Recipe(Fixed(np.zeros((4, 64))), 4).cost() == Cost(3, 44)
+    assert Recipe(Uniform(), 16).cost() == Cost(0, 16)
+    assert Recipe(CEM(iterations=5), 16).cost() == Cost(0, 96)
+
+
+def test_the_cost_of_a_learned_method_is_known_without_its_model() -> None:
+    learned = ActionDiffusion(steps=50)
+
+    assert Recipe(learned, 16).cost() == Cost(100, 16)
+    assert Recipe(WarmStarted(CEM(iterations=5), learned), 16).cost() == Cost(100, 96)
+
+
+@every_method
+def test_an_unrefined_plan_takes_what_its_recipe_says(method: Method) -> None:
+    recipe = Recipe(method, 24, reachability=True)
+
+    assert plan(PROBLEM, recipe, np.random.default_rng(0)).cost == recipe.cost()
+
+
+@every_method
+@pytest.mark.parametrize("num_candidates", [1, 24])
+@pytest.mark.parametrize(
+    ("refinement", "positions"),
+    # What a repair overwrites in vain, short of a target out of reach, is not in the bound.
+    [(Refinement(), (0.4, -0.9, 0.05)), (Refinement(repair=False), (0.4, -0.9, 3.0))],
+    ids=["with repair", "by descent alone"],
+)
+def test_a_refined_plan_takes_no_more_than_its_recipe_says(
+    method: Method, num_candidates: int, refinement: Refinement, positions: tuple[float, ...]
+) -> None:
+    recipe = Recipe(method, num_candidates, refinement)
+    bound, unrefined = recipe.cost(), recipe.unrefined.cost()
+
+    for position in positions:
+        problem = Problem(np.zeros(2), np.array([position, 0.0]))
+        cost = plan(problem, recipe, np.random.default_rng(0)).cost
+        assert unrefined.rollouts < cost.rollouts <= bound.rollouts
+        assert cost.network_evaluations == bound.network_evaluations
+
+
+def test_without_refinement_a_recipe_is_otherwise_the_same() -> None:
+    recipe = Recipe(DatasetPrior(), 8, Refinement(), CONTROL_ENERGY, reachability=True)
+
+    assert recipe.unrefined == Recipe(DatasetPrior(), 8, None, CONTROL_ENERGY, reachability=True)

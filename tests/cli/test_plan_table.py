@@ -47,6 +47,7 @@ def printed(
 
 def test_a_plan_is_shown_with_all_its_measures(plan: PlanResponse) -> None:
     assert plan.refinement is not None
+    assert plan.reachability is not None
     shown = dict(line.split("  ", 1) for line in printed(ONE, plan).splitlines() if "  " in line)
     assert {name: text.strip() for name, text in shown.items()} == {
         "terminal error": f"{plan.terminal_error:.6f}",

@@ -14,8 +14,9 @@ import pytest
 from app.inference.engine import Tick
 from app.inference.model_store import Model
 from app.inference.pace import Pace
-from app.serving.admission import MARGIN, MARGIN_SECONDS, Admission, Refused, Work
+from app.serving.admission import MARGIN, MARGIN_SECONDS, Admission, Work
 from app.serving.rates import CROWDED, MEMORY, PRIOR_ROWS, SECONDS_PER_STEP, Rates
+from app.serving.refusals import Refused
 from app.settings import Settings
 
 MODEL = cast(

@@ -14,9 +14,10 @@ from app.inference.model_store import Model
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
 from app.planning.stop import Stop
-from app.serving.admission import Admission, Refused, Work
+from app.serving.admission import Admission, Work
 from app.serving.rates import Rates
-from app.serving.workers import ClientGone, DeadlineExceeded, Workers
+from app.serving.refusals import ClientGone, DeadlineExceeded, Refused
+from app.serving.workers import Workers
 from app.settings import Settings
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, DatasetPrior
 from app.planning.planner import plan
 from app.planning.plant.rollout import rollout, terminal_state
-from app.planning.plant.system import System
+from app.planning.plant.system import Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import REACHABLE_WITHIN, Reachability, reachability
 from app.planning.recipe import Recipe

@@ -6,7 +6,7 @@ import pytest
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import step
-from app.planning.plant.system import System
+from app.planning.plant.system import Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import reachability
 

@@ -6,6 +6,7 @@ How the reachable set is computed is not looked at here, only what it claims.
 import math
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -154,6 +155,26 @@ def test_a_stuck_plant_stays() -> None:
 
 def test_a_start_on_its_target_takes_no_step_if_it_can_stay() -> None:
     assert floor_of(System(), np.zeros(2), np.zeros(2), 5).minimum_steps == 0
+
+
+@pytest.mark.parametrize(
+    ("problem", "calls"),
+    [
+        (Problem(np.zeros(2), np.array([1.4, 0.0])), 500),
+        (Problem(np.array([0.0, 0.3]), np.array([1.4, 0.5])), 500),
+        (Problem(np.zeros(2), np.array([1.4, 0.0]), horizon=2), 20_000),
+        (Problem(np.zeros(2), np.ones(2), System(control_limit=0.7), 1024), 100),
+    ],
+    ids=["from rest", "moving", "short", "stuck"],
+)
+def test_many_calls_leave_no_memory_behind(problem: Problem, calls: int) -> None:
+    resident = []
+    for _ in range(2):
+        for _ in range(calls):
+            reachability(problem)
+        resident.append(psutil.Process().memory_info().rss)
+
+    assert resident[1] - resident[0] < 2**20
 
 
 # With dt = 1, b = 0, f_s = 2, f_c = 1 and u_max = 4, breaking away takes v from 0 to (1, 3], and

@@ -4,11 +4,13 @@ How the reachable set is computed is not looked at here, only what it claims.
 """
 
 import math
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import psutil
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from app.compilation import compiled
@@ -20,6 +22,7 @@ from app.planning.plant.system import Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import REACHABLE_WITHIN, Reachability, reachability
 from app.planning.recipe import Recipe
+from tests.planning.plants import mirrored, plants
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROUNDING = 1e-9
@@ -142,6 +145,38 @@ def test_from_rest_more_steps_never_hurt_and_the_fewest_are_the_fewest(seed: int
     for horizon, result in results.items():
         assert result.reachable == (fewest is not None and horizon >= fewest)
         assert result.minimum_steps == (fewest if result.reachable else None)
+
+
+@dataclass(frozen=True)
+class Lopsided:
+    """A system whose control limits differ by direction, as far as rollouts and floors ask."""
+
+    plant: Plant
+
+
+@settings(deadline=None, max_examples=60)
+@given(plants(), SEEDS)
+def test_the_floor_holds_for_limits_that_differ_by_direction(plant: Plant, seed: int) -> None:
+    assume(plant.highest_control - plant.lowest_control > 1e-3)
+    rng = np.random.default_rng(seed)
+    horizon = int(rng.choice([1, 2, 3, 6, 20]))
+    start = rng.choice([0.0, 1.0], 2) * rng.uniform(-1, 1, 2)
+    controls = np.repeat(
+        rng.uniform(plant.lowest_control, plant.highest_control, (20, horizon)),
+        int(rng.integers(1, horizon + 1)),
+        axis=1,
+    )[:, :horizon]
+    system = cast(System, Lopsided(plant))
+    ends = rollout(system, start, controls)[:, -1]
+
+    assert floor_of(system, start, ends[0], horizon).reachable
+    target = ends[0] + rng.uniform(-0.5, 0.5, 2)
+    result = floor_of(system, start, target, horizon)
+    assert np.linalg.norm(ends - target, axis=1).min() >= result.floor - ROUNDING
+    assert floor_of(system, start, result.nearest_state, horizon).floor <= REACHABLE_WITHIN
+    image = floor_of(cast(System, Lopsided(mirrored(plant))), -start, -target, horizon)
+    assert math.isclose(result.floor, image.floor, abs_tol=1e-9)
+    assert result.minimum_steps == image.minimum_steps
 
 
 def test_a_stuck_plant_stays() -> None:

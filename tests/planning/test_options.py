@@ -1,15 +1,18 @@
+"""Dataclasses of options refuse what is out of their ranges, wherever they are made."""
+
 import math
-from dataclasses import dataclass, field
-from typing import Annotated
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
 
 import pytest
 from annotated_types import Ge, Gt, Interval, Le, Lt
+from pydantic import TypeAdapter, ValidationError
 
-from app.planning.options import check_ranges
+from app.planning.options import Options
 
 
 @dataclass(frozen=True)
-class Options:
+class Example(Options):
     name: str = "anything"
     above: Annotated[float, Gt(0)] = 1.0
     at_least: Annotated[float, Ge(0)] = 1.0
@@ -21,34 +24,53 @@ class Options:
     perhaps: Annotated[float, Ge(0)] | None = None
     nested: list[float] = field(default_factory=list)
 
+    def check_combination(self) -> None:
+        if self.at_least > self.above + 10:
+            raise ValueError("at_least is too far above")
+
 
 def test_values_within_their_ranges_pass() -> None:
-    check_ranges(Options())
-    check_ranges(Options(at_least=0.0, at_most=0.0, between=5, interval=0.0))
-    check_ranges(Options(name="", nested=[math.nan]))
+    Example()
+    Example(at_least=0.0, at_most=0.0, between=5, interval=0.0)
+    Example(name="", nested=[math.nan])
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (Options(above=0.0), "above must be greater than 0"),
-        (Options(at_least=-1e-9), "at_least must be at least 0"),
-        (Options(below=0.0), "below must be less than 0"),
-        (Options(at_most=1e-9), "at_most must be at most 0"),
-        (Options(between=0), "between must be at least 1"),
-        (Options(between=6), "between must be at most 5"),
-        (Options(interval=-0.1), "interval must be at least 0"),
-        (Options(interval=1.0), "interval must be less than 1"),
-        (Options(perhaps=-1.0), "perhaps must be at least 0"),
+        ({"above": 0.0}, "above must be greater than 0"),
+        ({"at_least": -1e-9}, "at_least must be at least 0"),
+        ({"below": 0.0}, "below must be less than 0"),
+        ({"at_most": 1e-9}, "at_most must be at most 0"),
+        ({"between": 0}, "between must be at least 1"),
+        ({"between": 6}, "between must be at most 5"),
+        ({"interval": -0.1}, "interval must be at least 0"),
+        ({"interval": 1.0}, "interval must be less than 1"),
+        ({"perhaps": -1.0}, "perhaps must be at least 0"),
+        ({"at_least": 12.0}, "at_least is too far above"),
     ],
 )
-def test_a_value_out_of_its_range_is_refused_with_the_bound(options: Options, message: str) -> None:
+def test_a_value_out_of_its_range_is_refused_with_the_bound(
+    options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(ValueError, match=f"^{message}$"):
-        check_ranges(options)
+        Example(**options)
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        replace(Example(), **options)
 
 
 @pytest.mark.parametrize("name", ["above", "at_most", "interval", "unbounded", "perhaps"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(name: str, value: float) -> None:
+    options: dict[str, Any] = {name: value}
     with pytest.raises(ValueError, match=f"^{name} must be a finite number$"):
-        check_ranges(Options(**{name: value}))  # type: ignore[arg-type]
+        Example(**options)
+
+
+@pytest.mark.parametrize("options", [{"above": 0.0}, {"between": 2.5}, {"unknown": 1}])
+def test_what_is_read_from_a_request_keeps_to_the_same_ranges(options: dict[str, Any]) -> None:
+    adapter = TypeAdapter(Example)
+    assert adapter.validate_python({"above": 2.0}) == Example(above=2.0)
+
+    with pytest.raises(ValidationError):
+        adapter.validate_python(options)

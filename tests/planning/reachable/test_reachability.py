@@ -4,10 +4,13 @@ How the reachable set is computed is not looked at here, only what it claims.
 """
 
 import math
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
+import psutil
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from app.compilation import compiled
@@ -19,6 +22,7 @@ from app.planning.plant.system import Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import REACHABLE_WITHIN, Reachability, reachability
 from app.planning.recipe import Recipe
+from tests.planning.plants import mirrored, plants
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROUNDING = 1e-9
@@ -143,6 +147,38 @@ def test_from_rest_more_steps_never_hurt_and_the_fewest_are_the_fewest(seed: int
         assert result.minimum_steps == (fewest if result.reachable else None)
 
 
+@dataclass(frozen=True)
+class Lopsided:
+    """A system whose control limits differ by direction, as far as rollouts and floors ask."""
+
+    plant: Plant
+
+
+@settings(deadline=None, max_examples=60)
+@given(plants(), SEEDS)
+def test_the_floor_holds_for_limits_that_differ_by_direction(plant: Plant, seed: int) -> None:
+    assume(plant.highest_control - plant.lowest_control > 1e-3)
+    rng = np.random.default_rng(seed)
+    horizon = int(rng.choice([1, 2, 3, 6, 20]))
+    start = rng.choice([0.0, 1.0], 2) * rng.uniform(-1, 1, 2)
+    controls = np.repeat(
+        rng.uniform(plant.lowest_control, plant.highest_control, (20, horizon)),
+        int(rng.integers(1, horizon + 1)),
+        axis=1,
+    )[:, :horizon]
+    system = cast(System, Lopsided(plant))
+    ends = rollout(system, start, controls)[:, -1]
+
+    assert floor_of(system, start, ends[0], horizon).reachable
+    target = ends[0] + rng.uniform(-0.5, 0.5, 2)
+    result = floor_of(system, start, target, horizon)
+    assert np.linalg.norm(ends - target, axis=1).min() >= result.floor - ROUNDING
+    assert floor_of(system, start, result.nearest_state, horizon).floor <= REACHABLE_WITHIN
+    image = floor_of(cast(System, Lopsided(mirrored(plant))), -start, -target, horizon)
+    assert math.isclose(result.floor, image.floor, abs_tol=1e-9)
+    assert result.minimum_steps == image.minimum_steps
+
+
 def test_a_stuck_plant_stays() -> None:
     system = System(static_friction=0.9, control_limit=0.9)
     result = floor_of(system, np.array([0.1, 0.0]), np.array([0.4, 0.4]), 64)
@@ -154,6 +190,26 @@ def test_a_stuck_plant_stays() -> None:
 
 def test_a_start_on_its_target_takes_no_step_if_it_can_stay() -> None:
     assert floor_of(System(), np.zeros(2), np.zeros(2), 5).minimum_steps == 0
+
+
+@pytest.mark.parametrize(
+    ("problem", "calls"),
+    [
+        (Problem(np.zeros(2), np.array([1.4, 0.0])), 500),
+        (Problem(np.array([0.0, 0.3]), np.array([1.4, 0.5])), 500),
+        (Problem(np.zeros(2), np.array([1.4, 0.0]), horizon=2), 20_000),
+        (Problem(np.zeros(2), np.ones(2), System(control_limit=0.7), 1024), 100),
+    ],
+    ids=["from rest", "moving", "short", "stuck"],
+)
+def test_many_calls_leave_no_memory_behind(problem: Problem, calls: int) -> None:
+    resident = []
+    for _ in range(2):
+        for _ in range(calls):
+            reachability(problem)
+        resident.append(psutil.Process().memory_info().rss)
+
+    assert resident[1] - resident[0] < 2**20
 
 
 # With dt = 1, b = 0, f_s = 2, f_c = 1 and u_max = 4, breaking away takes v from 0 to (1, 3], and

@@ -236,6 +236,27 @@ def test_every_plan_says_what_can_be_reached(client: httpx.Client) -> None:
     assert far["gap"] < 1e-3
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_plan_without_its_floor_is_the_same_plan(client: httpx.Client, method: str) -> None:
+    options: dict[str, Any] = {"method": method, "refine": True, "seed": 2, "include": ["states"]}
+    bounded = without_timing(plan(client, **options))
+    bare = without_timing(plan(client, reachability=False, **options))
+    assert {"gap", "reachability"} <= bounded.keys()
+    assert bare == {
+        name: value for name, value in bounded.items() if name not in ("gap", "reachability")
+    }
+
+
+def test_segments_without_their_floors_are_the_same_segments(client: httpx.Client) -> None:
+    bounded = plan_multistep(client, method="dataset_prior", refine=True, seed=3)
+    bare = plan_multistep(client, method="dataset_prior", refine=True, seed=3, reachability=False)
+    assert "mean_end_floor" not in bare
+    assert bare["mean_end_error"] == bounded["mean_end_error"]
+    for segment, with_floor in zip(bare["segments"], bounded["segments"], strict=True):
+        assert not {"gap", "reachability"} & segment.keys()
+        assert segment["controls"] == with_floor["controls"]
+
+
 def test_an_objective_chooses_among_plans_that_arrive(client: httpx.Client) -> None:
     options: dict[str, Any] = {"method": "dataset_prior", "refine": True, "seed": 1}
     plain = plan(client, **options)

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
 from typing import Any
 
@@ -46,8 +46,10 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
         runtime = Runtime(settings, watch, share)
         start = asyncio.create_task(runtime.start())
         yield {"runtime": runtime, "metrics": metrics}
-        await start
         await runtime.drain()
+        start.cancel()
+        with suppress(asyncio.CancelledError):
+            await start
         runtime.close()
 
     app = FastAPIOffline(

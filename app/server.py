@@ -6,6 +6,7 @@ an upgrade to HTTP/2, as Java's client does, and bounds neither heads nor traile
 
 import asyncio
 import logging
+import os
 import signal
 import socket
 import threading
@@ -21,8 +22,13 @@ from app.serving.refusals import NotReady
 from app.serving.runtime import Runtime
 from app.settings import Settings
 
+FAILED_SECONDS = 5
+"""How long a service that could not start tells so, before it ends."""
 SENDING_SECONDS = 10
 """How long clients may take to read their answers once all plans are made and the service ends."""
+
+BACKLOG = 2048
+"""Connections that wait to be accepted; uvicorn's own number."""
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +44,8 @@ class Server(uvicorn.Server):
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         super().__init__(_Config(app, settings))
+        self.failed = False
+        """Whether the service could not start."""
         self._is_ending = False
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -47,6 +55,7 @@ class Server(uvicorn.Server):
         self._loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():
             self._loop.add_signal_handler(signal.SIGHUP, self._begin, self._reload)
+        self._begin(self._watch_start)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End in good order at the first signal, at once at the second."""
@@ -72,6 +81,17 @@ class Server(uvicorn.Server):
         self._tasks.add(begun)
         begun.add_done_callback(self._tasks.discard)
 
+    async def _watch_start(self) -> None:
+        await self._runtime.started.wait()
+        if self._runtime.failed:
+            self.failed = True
+            await asyncio.sleep(FAILED_SECONDS)
+            self.should_exit = True
+        elif not self._is_ending:
+            host, port = self.servers[0].sockets[0].getsockname()[:2]
+            url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+            log.info("Breakaway serves at %s, its documentation at %s/docs", url, url)
+
     async def _drain(self) -> None:
         log.info("draining")
         await self._runtime.drain()
@@ -82,6 +102,36 @@ class Server(uvicorn.Server):
             await self._runtime.load()
         except (ModelRejected, NotReady) as error:
             log.error("the models stay as they were: %s", error)
+
+
+def listen(host: str, port: int) -> list[socket.socket]:
+    """Return sockets that listen on every address of `host`; `::` takes IPv4 as well.
+
+    Raises:
+        OSError: nothing can listen there; it says where and why.
+    """
+    try:
+        addresses = {
+            (family, address[:2])
+            for family, _, _, _, address in socket.getaddrinfo(
+                host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            )
+        }
+        return [
+            socket.create_server(
+                address,
+                family=family,
+                backlog=BACKLOG,
+                dualstack_ipv6=host == "::" and socket.has_dualstack_ipv6(),
+            )
+            for family, address in sorted(addresses)
+        ]
+    except OSError as error:
+        # Not its text, which is long; and the resolver's numbers are none of the system's.
+        why = (
+            error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        )
+        raise OSError(f"cannot listen on {host}, port {port}: {why}") from error
 
 
 class _Config(uvicorn.Config):

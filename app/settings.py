@@ -4,7 +4,7 @@ Their descriptions are the command's help; the options themselves are in setting
 """
 
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, TypeAlias, TypeVar
 
 from pydantic import (
     BeforeValidator,
@@ -20,6 +20,7 @@ SHIPPED_MODELS = Path(__file__).resolve().parents[1] / "model_store"
 """Installed beside the package, so that the shipped models are found from any directory."""
 
 T = TypeVar("T")
+LogFormat: TypeAlias = Literal["auto", "text", "json"]
 Listed = Annotated[
     tuple[T, ...],
     NoDecode,
@@ -46,6 +47,9 @@ class Settings(BaseSettings):
     model_store: Path = Field(SHIPPED_MODELS, description="Folder of the models.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least severe messages to log."
+    )
+    log_format: LogFormat = Field(
+        "auto", description="Lines for people, or JSON; auto is JSON where there is no terminal."
     )
     api_keys: SecretStr | None = Field(
         None,

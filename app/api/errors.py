@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
 from app.inference.model_store import UnfitModel, UnknownModel
-from app.inference.solvers import InvalidStepCount
+from app.planning.methods.base import InvalidStepCount
 from app.planning.problem import PlanningError
 from app.serving.refusals import (
     ClientGone,

@@ -14,10 +14,11 @@ from llvmlite.binding import get_host_cpu_name
 
 from app.api.errors import MEDIA_TYPE
 from app.inference.device import LIBRARY_VERSION, choose_device
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.verification import ModelRejected
 from app.planning.plant.system import System
-from app.serving.runtime import Runtime, available_cores
+from app.serving.kernels import available_cores
+from app.serving.runtime import Runtime
 from app.serving.service import PlanningService, R, ResolvedRequest
 from app.wire.about import (
     Health,

@@ -16,6 +16,8 @@ CLIENT_GONE = 499
 """The status that nginx gave to requests whose client hung up before the answer."""
 
 HTTP_METHODS = {"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"}
+PROBES = {"/livez", "/readyz", "/metrics"}
+"""Asked every few seconds, for ever."""
 REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,128}")
 
 log = logging.getLogger("breakaway.access")
@@ -90,7 +92,15 @@ class Telemetry(HttpMiddleware):
             "status": status,
             "duration_ms": round(seconds * 1e3, 3),
         }
-        log.info("%s %s %d", scope["method"], scope["path"], status, extra={**fields, **line})
+        log.log(
+            logging.DEBUG if route in PROBES else logging.INFO,
+            "%s %s %d in %.1f ms",
+            scope["method"],
+            scope["path"],
+            status,
+            seconds * 1e3,
+            extra={**fields, **line},
+        )
 
 
 def _route(scope: Scope) -> str:

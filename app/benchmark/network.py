@@ -8,7 +8,7 @@ from app.benchmark.pairing import median_ms
 from app.benchmark.reference import Reference, gigaflops_of_product
 from app.inference.job import Job
 from app.inference.kernel import multiply
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
 from app.planning.problem import Problem

@@ -12,7 +12,7 @@ import psutil
 from app.benchmark.pairing import paired
 from app.benchmark.quick_plans import METHOD as QUICK
 from app.benchmark.quick_plans import NUM_CANDIDATES as QUICK_CANDIDATES
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.sampling import sample_alone
 from app.launch import launch
 from app.planning.arrays import FloatArray

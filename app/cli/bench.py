@@ -16,8 +16,9 @@ def bench() -> None:
     from app.benchmark.run import run
     from app.inference.model_store import UnfitModel
     from app.inference.verification import ModelRejected
-    from app.serving.runtime import available_cores
+    from app.serving.kernels import NETWORK, PLANNING, available_cores, prepare
 
+    prepare((*PLANNING, *NETWORK))
     try:
         for line in run(read_settings().model_store, available_cores()):
             click.echo(line)

@@ -1,7 +1,7 @@
 """`breakaway plan`: one plan in this process, without a server."""
 
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -11,11 +11,13 @@ from app.failure import Failure
 from app.settings_options import read_settings
 
 if TYPE_CHECKING:
+    from app.inference.engine import Engine
+    from app.inference.model_store import ModelStore
+    from app.settings import Settings
     from app.wire.answers import MultistepPlanResponse, PlanResponse
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 STANDARD_OUTPUT = Path("-")
-LOADING = "loading models; the first time, kernels are compiled for a minute or two"
 
 
 @click.command()
@@ -130,31 +132,35 @@ def _make_plan(
     Raises:
         Failure: the models are not in order, or refuse the request; or planning failed.
     """
-    from rich.console import Console
-
     from app.cli.plan_request import source
-    from app.inference.engine import Engine
-    from app.inference.model_store import UnfitModel, UnknownModel
-    from app.inference.solvers import InvalidStepCount
+    from app.inference.model_store import ModelStore, UnfitModel, UnknownModel
     from app.inference.verification import ModelRejected
+    from app.planning.methods.base import InvalidStepCount
     from app.planning.problem import PlanningError
+    from app.serving.kernels import PLANNING, prepare
     from app.serving.rates import Rates
     from app.serving.refusals import InvalidField
-    from app.serving.runtime import available_cores, load_models
     from app.serving.service import PlanningService
     from app.wire.requests import MultistepPlanRequest
 
     if with_candidates:
         request = request.model_copy(update={"include": [*request.include, "candidates"]})
+    answer: PlanResponse | MultistepPlanResponse
     settings = read_settings()
+    prepare(PLANNING)
     try:
-        with closing(Engine(available_cores())) as engine:
-            with Console(stderr=True).status(LOADING):
-                models = load_models(settings, engine)
+        with ExitStack() as stack:
+            models, engine = ModelStore([]), None
+            if request.model or request.recipe().cost().network_evaluations:
+                models, engine = _load_models(request, settings, stack)
             service = PlanningService(settings, models, engine, Rates())
-            if isinstance(request, MultistepPlanRequest):
-                return service.plan_multistep(service.resolve(request))
-            return service.plan(service.resolve(request))
+            # Twice: the time in the answer is to be the plan's, and not that of loading kernels.
+            for asked in (request.model_copy(update={"num_candidates": 1}), request):
+                if isinstance(asked, MultistepPlanRequest):
+                    answer = service.plan_multistep(service.resolve(asked))
+                else:
+                    answer = service.plan(service.resolve(asked))
+            return answer
     except InvalidField as error:
         raise Failure(f"{source(error.pointer, options)}: {error}") from None
     except UnknownModel as error:
@@ -165,6 +171,38 @@ def _make_plan(
         raise Failure(f"{source('/method/steps', options)}: {error}") from None
     except (ModelRejected, PlanningError) as error:
         raise Failure(str(error)) from None
+
+
+def _load_models(
+    request: "PlanRequest | MultistepPlanRequest", settings: "Settings", stack: ExitStack
+) -> "tuple[ModelStore, Engine]":
+    """Load the models that a request may need; all of them if it needs none that there is.
+
+    Raises:
+        ModelRejected: a model is not what its manifest says.
+    """
+    from app.compilation.parts import are_kept
+    from app.inference.device import choose_device
+    from app.inference.engine import Engine
+    from app.inference.manifest import Manifest
+    from app.inference.networks import KINDS
+    from app.planning.plant.system import System
+    from app.planning.problem import DEFAULT_HORIZON
+    from app.serving.kernels import NETWORK, available_cores
+
+    def is_wanted(manifest: Manifest) -> bool:
+        if request.model:
+            return request.model in (manifest.name, f"{manifest.name}/{manifest.version}")
+        horizon = request.horizon or DEFAULT_HORIZON
+        return manifest.plants.covers(request.system or System()) and manifest.horizon == horizon
+
+    engine = stack.enter_context(closing(Engine(available_cores())))
+    # One plan is made sooner by TorchScript than a network is compiled.
+    kinds = KINDS if are_kept(NETWORK) else KINDS[-1:]
+    models = engine.load(settings.model_store, choose_device(), kinds, (), is_wanted)
+    if not models.models:
+        models = engine.load(settings.model_store, choose_device(), kinds, ())
+    return models, engine
 
 
 def _check_writable(option: str, file: Path) -> None:

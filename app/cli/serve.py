@@ -1,5 +1,7 @@
 """`breakaway serve`: the service over HTTP."""
 
+import logging
+import os
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -25,12 +27,20 @@ def serve(settings: "Settings") -> None:
 
     use_few_arenas()
     service = create_service(settings)
-    from app.logs import log_as_json
-    from app.server import Server
+    from app.logs import set_up_logging
+    from app.server import Server, listen
 
-    log_as_json(settings.log_level)
+    try:
+        sockets = listen(settings.host, settings.port)
+    except OSError as error:
+        raise Failure(str(error)) from None
+    set_up_logging(settings.log_level, settings.log_format)
+    server = Server(service, settings)
     with suppress(KeyboardInterrupt):
-        Server(service, settings).run()
+        server.run(sockets)
+    # Not sys.exit: where it ends before it was ready, a thread may be compiling or loading yet.
+    logging.shutdown()
+    os._exit(1 if server.failed else 0)
 
 
 def create_service(settings: "Settings") -> "FastAPI":

@@ -18,7 +18,10 @@ from typing import NamedTuple, TypeAlias
 import torch
 
 from app.inference.job import Job
-from app.inference.model_store import Model, ModelStore
+from app.inference.manifest import Manifest
+from app.inference.model import Model
+from app.inference.model_store import ModelStore
+from app.inference.networks import Kind
 from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
 from app.inference.shares import Share, half_least_half_urgent
@@ -86,7 +89,12 @@ class Engine:
         self._thread.start()
 
     def load(
-        self, store: Path, device: torch.device, serving: Sequence[Model] | None = None
+        self,
+        store: Path,
+        device: torch.device,
+        kinds: Sequence[Kind] | None = None,
+        serving: Sequence[Model] | None = None,
+        wanted: Callable[[Manifest], bool] = lambda _: True,
     ) -> ModelStore:
         """Verify, load and warm up the models of a store, in the calling thread; see `ModelStore`.
 
@@ -94,7 +102,7 @@ class Engine:
             ModelRejected: one of them is not what its manifest says; none is loaded then.
         """
         _use_no_threads_of_pytorch()
-        return ModelStore.load(store, device, self.row_threads, serving)
+        return ModelStore.load(store, device, self.row_threads, kinds, serving, wanted)
 
     def bind(self, model: Model, job: Job) -> "EngineProposal":
         """Return `model` as a learned proposal that samples here, as a part of `job`."""

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from app.inference.job import Job
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
 from app.planning.problem import PlanningError, Problem

@@ -15,16 +15,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from app.planning.methods.base import InvalidStepCount
+
 Steps: TypeAlias = Generator[tuple[Tensor, int], Tensor, Tensor]
 """Yields u_t (K, H) and t, is sent the predicted noise (K, H), returns the controls (K, H)."""
 CLEAN = -1
 """The time after the last one, where no noise is left."""
 MIDDLE = (0.7, 0.25)
 """Where `middle_times` begins and ends, as shares of T."""
-
-
-class InvalidStepCount(ValueError):
-    """The number of steps does not fit the number of diffusion times."""
 
 
 def even_times(num_timesteps: int, steps: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""Compiling every kernel before the first request needs it."""
+"""Tiny plans that between them need every kernel of planning: compiled before a request asks."""
 
 import numpy as np
 
@@ -9,12 +9,29 @@ from app.planning.problem import Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 
+_PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]))
+
+
+def make_refined_plans() -> None:
+    """Refine towards each objective."""
+    for objective in OBJECTIVES.values():
+        recipe = Recipe(DatasetPrior(), 2, Refinement(), objective)
+        plan(_PROBLEM, recipe, np.random.default_rng(0))
+
+
+def make_bounded_plan() -> None:
+    """Plan with the reachable set."""
+    plan(_PROBLEM, Recipe(DatasetPrior(), 2, reachability=True), np.random.default_rng(0))
+
+
+def make_plans() -> None:
+    """Plan by each compiled method."""
+    for method in (Uniform(), DatasetPrior(), CEM(iterations=2)):
+        plan(_PROBLEM, Recipe(method, 2), np.random.default_rng(0))
+
 
 def warm_up() -> None:
-    """Make one tiny plan by each compiled method, and refine towards each objective."""
-    problem = Problem(np.zeros(2), np.array([0.2, 0.0]))
-    rng = np.random.default_rng(0)
-    for method in (Uniform(), DatasetPrior(), CEM(iterations=2)):
-        plan(problem, Recipe(method, 2, reachability=True), rng)
-    for objective in OBJECTIVES.values():
-        plan(problem, Recipe(DatasetPrior(), 2, Refinement(), objective), rng)
+    """Make all of them."""
+    make_refined_plans()
+    make_bounded_plan()
+    make_plans()

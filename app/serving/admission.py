@@ -4,14 +4,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 from app.inference.job import Job
-from app.inference.model_store import Model
 from app.serving.forecast import finish_times, queue_times
 from app.serving.rates import Rates
 from app.serving.refusals import Refused
 from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.inference.model import Model
 
 MARGIN = 1.75
 """A forecast may be this much too short."""
@@ -31,7 +33,7 @@ Lane: TypeAlias = Literal["network", "short", "long"]
 class Work(Job):
     """A job with all that it takes, as far as that is known when it arrives."""
 
-    model: Model | None
+    model: "Model | None"
     """None where nothing goes through a network."""
     rows_per_step: int
     """Rows that can go through the network at once."""

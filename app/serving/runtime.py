@@ -2,52 +2,45 @@
 
 import asyncio
 import logging
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
 from time import perf_counter
+from typing import TypeVar
 
 import anyio
 import anyio.to_thread
-import loky
 
+from app.compilation.parts import are_kept, compile_missing
 from app.inference.device import choose_device
 from app.inference.engine import Engine, Tick, Watch
-from app.inference.model_store import Model, ModelStore
+from app.inference.model import Model
+from app.inference.model_store import ModelStore
+from app.inference.networks import KINDS
 from app.inference.shares import Share
 from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.serving.admission import Admission, Pending
+from app.serving.kernels import NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
 from app.serving.service import PlanningService
 from app.serving.workers import Workers
 from app.settings import Settings
+from app.terminal import progress_line
 
 POLL_SECONDS = 0.02
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
 
-def available_cores() -> int:
-    """Return the cores that this process may use: the cgroup's quota, not the host's count."""
-    return int(loky.cpu_count())
-
-
-def load_models(
-    settings: Settings, engine: Engine, serving: Sequence[Model] | None = None
-) -> ModelStore:
-    """Compile the kernels, verify, load and warm up the models; blocks.
-
-    Args:
-        settings: where the store is.
-        engine: will run them.
-        serving: models that are kept if the store still holds the very same; None at first.
-
-    Raises:
-        ModelRejected: a model of the store is not what its manifest says.
-    """
-    warm_up()
-    return engine.load(settings.model_store, choose_device(), serving)
+def reason(error: Exception) -> str:
+    """Return what went wrong, in one line; the error's kind where that says more."""
+    text = str(error)
+    return text if isinstance(error, ModelRejected) else f"{type(error).__name__}: {text}"
 
 
 class Runtime:
@@ -68,6 +61,7 @@ class Runtime:
             self._rates.add_tick(tick)
             watch(tick)
 
+        self._device = choose_device()
         self._engine = Engine(self.network_threads, watch_tick, share)
         # As if the network always had work: nobody is promised a core that it may need.
         compiled_at_once = max(1, self.network_threads - 1)
@@ -77,6 +71,10 @@ class Runtime:
         self._service: PlanningService | None = None
         self._draining = False
         self._state = "the service is starting"
+        self._stop = threading.Event()
+        self.started = asyncio.Event()
+        """Set once the service is ready, or has failed to become so."""
+        self.failed = False
 
     @property
     def service(self) -> PlanningService:
@@ -95,14 +93,22 @@ class Runtime:
         return self._admission.pending
 
     async def start(self) -> None:
-        """Load everything in a thread; the probes answer meanwhile."""
+        """Load everything in a thread, while the probes answer; then compile what may wait."""
         try:
             await self.load()
-        except ModelRejected as error:
-            self._state = f"the service could not start: {error}"
-            log.error(self._state)
         except NotReady:
             log.info("ended before it was ready")
+            return
+        except Exception as error:
+            # Whatever it is: a service that says nothing for ever helps nobody.
+            self.failed = True
+            known = isinstance(error, ModelRejected)
+            self._state = f"the service could not start: {reason(error)}"
+            log.error(self._state, exc_info=None if known else error)
+            return
+        finally:
+            self.started.set()
+        await self._compile_network()
 
     async def load(self) -> None:
         """Load what is new in the store beside the models in use, then put all in their place.
@@ -116,19 +122,68 @@ class Runtime:
         async with self._loading:
             started = perf_counter()
             serving = self._service.models.models if self._service else None
-            models = await anyio.to_thread.run_sync(
-                load_models, self.settings, self._engine, serving
-            )
-            if self._draining:
-                raise NotReady(self._state)
-            self._service = PlanningService(self.settings, models, self._engine, self._rates)
-            set_aside_what_stays()
+            models = await self._in_thread(lambda: self._load(serving))
+            self._put_in_place(models)
             labels = ", ".join(model.label for model in models.models) or "no models"
             log.info("ready after %.1f s with %s", perf_counter() - started, labels)
+
+    def _load(self, serving: Sequence[Model] | None) -> ModelStore:
+        """Compile what planning needs, and load the models; blocks.
+
+        Raises:
+            ModelRejected: a model is not what its manifest says.
+            NotReady: the service is draining.
+        """
+        with progress_line() as show:
+
+            def tell(text: str) -> None:
+                show(text)
+                if self._service is None and not self._draining:
+                    self._state = f"the service is starting: {text}"
+
+            compile_missing(PLANNING, self.network_threads, tell, self._stop)
+            if self._stop.is_set():
+                raise NotReady(self._state)
+            tell("loading models")
+            warm_up()
+            kinds = KINDS if are_kept(NETWORK) else KINDS[-1:]
+            return self._engine.load(self.settings.model_store, self._device, kinds, serving)
+
+    def _put_in_place(self, models: ModelStore) -> None:
+        if self._draining:
+            raise NotReady(self._state)
+        self._service = PlanningService(self.settings, models, self._engine, self._rates)
+        set_aside_what_stays()
+
+    async def _compile_network(self) -> None:
+        """Put compiled networks in the place of TorchScript, which served until they were here."""
+        if self._device.type != "cpu" or not self.service.models.models or are_kept(NETWORK):
+            return
+        log.info("TorchScript runs the models until their kernels are compiled")
+        compiling = partial(
+            compile_missing, NETWORK, self.network_threads, lambda _: None, self._stop
+        )
+        try:
+            await self._in_thread(compiling)
+            async with self._loading:
+                store = self.settings.model_store
+                models = await self._in_thread(lambda: self._engine.load(store, self._device))
+                self._put_in_place(models)
+        except NotReady:
+            pass
+        except Exception as error:
+            log.warning("TorchScript goes on running the models: %s", reason(error))
+        else:
+            log.info("the models run compiled")
+
+    async def _in_thread(self, function: Callable[[], T]) -> T:
+        """Return `function()`, called in a thread that nobody waits for once the service ends."""
+        return await anyio.to_thread.run_sync(function, abandon_on_cancel=True)
 
     async def drain(self) -> None:
         """Refuse new work, and return when what was taken on is done."""
         self._draining = True
+        self._stop.set()
         self._service = None
         self._state = "the service is draining"
         while len(self._admission):

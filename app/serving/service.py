@@ -7,11 +7,10 @@ import secrets
 from collections.abc import Container
 from dataclasses import asdict, dataclass
 from time import perf_counter
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from app.inference.engine import Engine
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.methods import ActionDiffusion, Learned, WarmStarted
 from app.planning.methods.base import LearnedProposal, Method, MethodOptions
@@ -37,6 +36,9 @@ from app.wire.answers import (
 )
 from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest, State
 
+if TYPE_CHECKING:
+    from app.inference.engine import Engine
+
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
 R = TypeVar("R", PlanRequest, MultistepPlanRequest)
 
@@ -50,12 +52,12 @@ class PlanningService:
     Args:
         settings: the limits.
         models: the model store.
-        engine: runs the models.
+        engine: runs the models; None where no plan needs one.
         rates: told how long plans took.
     """
 
     def __init__(
-        self, settings: Settings, models: ModelStore, engine: Engine, rates: Rates
+        self, settings: Settings, models: ModelStore, engine: "Engine | None", rates: Rates
     ) -> None:
         self._settings = settings
         self.models = models
@@ -149,7 +151,10 @@ class PlanningService:
     def _recipe(self, resolved: "ResolvedRequest[Any]") -> Recipe[Method]:
         """Return the recipe with a method that can propose."""
         work = resolved.work
-        proposal = self._engine.bind(work.model, work) if work.model else None
+        proposal = None
+        if work.model:
+            assert self._engine is not None
+            proposal = self._engine.bind(work.model, work)
         recipe, method = resolved.recipe, resolved.recipe.method
         if isinstance(method, WarmStarted):
             method = WarmStarted(method.optimiser, _able(method.initial, proposal))

@@ -15,7 +15,7 @@ from app.inference.device import CPU
 from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.manifest import Losses, Manifest
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.networks.base import Network
 from app.inference.pace import Pace
 from app.inference.sampling import Sampling, sample_alone

@@ -16,15 +16,17 @@ from app.inference.device import CPU
 from app.inference.engine import Engine, Tick
 from app.inference.job import Job
 from app.inference.manifest import CHECKPOINT_FILE
-from app.inference.model_store import Model, ModelStore
+from app.inference.model import Model
+from app.inference.model_store import ModelStore
 from app.inference.networks.base import Checkpoint, Network
 from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
-from app.inference.solvers import SOLVERS, InvalidStepCount
+from app.inference.solvers import SOLVERS
 from app.inference.torchscript import read_torchscript
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned
+from app.planning.methods.base import InvalidStepCount
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import PlanningError, Problem

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from app.inference.engine import Engine
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.solvers import SOLVERS
 from app.planning.problem import PlanningError
 from app.planning.stop import Stopped

@@ -12,7 +12,8 @@ from torch import Tensor
 from app.inference import model_store
 from app.inference.device import CPU
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
-from app.inference.model_store import Model, ModelStore, UnfitModel, UnknownModel
+from app.inference.model import Model
+from app.inference.model_store import ModelStore, UnfitModel, UnknownModel
 from app.inference.networks.compiled import CompiledNetwork
 from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.pace import GUESS, SIZES, Pace
@@ -256,7 +257,7 @@ def test_loading_again_keeps_what_is_the_same_and_loads_what_is_new(
     publish("changed", content=other_checkpoint)
     publish("same", 2)
 
-    after = ModelStore.load(store, CPU, THREADS, before.models)
+    after = ModelStore.load(store, CPU, THREADS, serving=before.models)
 
     assert [model.label for model in after.models] == ["changed/1", "same/2", "same/1"]
     assert after.find("same/1") is before.find("same/1")
@@ -272,13 +273,13 @@ def test_a_model_whose_checkpoint_was_damaged_since_is_refused_though_it_is_load
     (folder / CHECKPOINT_FILE).write_bytes(b"damaged")
 
     with pytest.raises(ModelRejected, match="changed or damaged"):
-        ModelStore.load(store, CPU, THREADS, before.models)
+        ModelStore.load(store, CPU, THREADS, serving=before.models)
 
 
 def reload_untimed(store: Path, serving: list[Model]) -> ModelStore:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_store, "measure_pace", lambda *_: pytest.fail("timed a network"))
-        return ModelStore.load(store, CPU, THREADS, serving)
+        return ModelStore.load(store, CPU, THREADS, serving=serving)
 
 
 def test_a_model_that_comes_while_others_serve_takes_over_the_pace_of_one_like_it(

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from app.inference.job import Job
 from app.inference.sampling import Sampling
-from app.inference.solvers import SOLVERS, InvalidStepCount
+from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
+from app.planning.methods.base import InvalidStepCount
 from app.planning.problem import PlanningError
 from tests.inference.fakes import HORIZON, TIMESTEPS, Asked, FakeNetwork, fake_model
 

@@ -12,13 +12,13 @@ from torch import Tensor
 from app.inference.solvers import (
     CLEAN,
     SOLVERS,
-    InvalidStepCount,
     Steps,
     ddim,
     dpm_solver,
     even_times,
     middle_times,
 )
+from app.planning.methods.base import InvalidStepCount
 
 T = 200
 ALPHAS = [math.cos((t + 2) / 205 * math.pi / 2) ** 2 for t in range(T)]

@@ -12,7 +12,7 @@ from typing import Any, cast
 import pytest
 
 from app.inference.engine import Tick
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.pace import Pace
 from app.serving.admission import MARGIN, MARGIN_SECONDS, Admission, Work
 from app.serving.rates import CROWDED, MEMORY, PRIOR_ROWS, SECONDS_PER_STEP, Rates

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from app.inference.engine import Engine
-from app.inference.model_store import Model, ModelStore, UnfitModel
+from app.inference.model import Model
+from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.serving.rates import Rates

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 import pytest
 
-from app.inference.model_store import Model
+from app.inference.model import Model
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
 from app.planning.stop import Stop

@@ -4,7 +4,7 @@ A new kind is a file beside this one and an entry in `KINDS`; the contract test 
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import torch
@@ -29,18 +29,21 @@ log = logging.getLogger(__name__)
 
 
 @torch.inference_mode()
-def build_network(checkpoint: Checkpoint, threads: RowThreads, name: str) -> Network:
+def build_network(
+    checkpoint: Checkpoint, threads: RowThreads, name: str, kinds: Sequence[Kind] = KINDS
+) -> Network:
     """Return the fastest network that suits the checkpoint and agrees with it, warmed up.
 
     Args:
         checkpoint: to run.
         threads: share out the rows on a CPU.
         name: of the model, for the log.
+        kinds: to choose from, the fastest first; the last one takes every checkpoint.
 
     Raises:
         RuntimeError: the checkpoint fails, or answers in the wrong shape.
     """
-    network = _fastest(checkpoint, threads, name)
+    network = _fastest(checkpoint, threads, name, kinds)
     controls = torch.zeros(2, checkpoint.horizon, device=checkpoint.device)
     times = torch.zeros(2, dtype=torch.int64, device=checkpoint.device)
     embedding = network.embed(torch.zeros(checkpoint.condition_size, device=checkpoint.device))
@@ -49,8 +52,10 @@ def build_network(checkpoint: Checkpoint, threads: RowThreads, name: str) -> Net
     return network
 
 
-def _fastest(checkpoint: Checkpoint, threads: RowThreads, name: str) -> Network:
-    *faster, as_it_is = KINDS
+def _fastest(
+    checkpoint: Checkpoint, threads: RowThreads, name: str, kinds: Sequence[Kind]
+) -> Network:
+    *faster, as_it_is = kinds
     for build in faster:
         try:
             network = build(checkpoint, threads)

@@ -34,6 +34,10 @@ class Method(MethodOptions, Protocol):
         ...
 
 
+class InvalidStepCount(ValueError):
+    """The number of steps does not fit the number of diffusion times."""
+
+
 class LearnedProposal(Protocol):
     """A generative model of control sequences, p_theta(u | x0, x*) (paper, Eq. 1)."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from app.compilation import compiled
-from app.planning.arrays import FloatArray, IntArray
+from app.planning.arrays import FloatArray, IntArray, copy_into
 from app.planning.methods.optimiser import Optimiser, Scored, check_first, spread
 from app.planning.plant.rollout import terminal_state
 from app.planning.plant.task import Task
@@ -135,11 +135,11 @@ def _optimise(
         order = np.argsort(errors)
         if errors[order[0]] < best_error:
             best_error = errors[order[0]]
-            best[:] = population[order[0]]
+            copy_into(best, population[order[0]])
         if iteration + 1 < iterations:
             _refit(population, order[:num_elites], mean, std, min_std)
     if best_error < errors[order[0]]:
-        population[order[-1]] = best
+        copy_into(population[order[-1]], best)
     return population
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.compilation import compiled
-from app.planning.arrays import FloatArray
+from app.planning.arrays import FloatArray, copy_into
 from app.planning.plant.rollout import terminal_state
 from app.planning.plant.sensitivity import linearise
 from app.planning.plant.task import Task
@@ -84,7 +84,7 @@ def arrive(controls: FloatArray, task: Task, iterations: int, stopped: Flag) -> 
             rollouts += 1
             if trial_error < error:
                 error = trial_error
-                controls[:] = trial
+                copy_into(controls, trial)
                 break
             fraction *= 0.5
         if error > (1.0 - STALLED) * before:

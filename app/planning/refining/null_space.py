@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.compilation import compiled
-from app.planning.arrays import FloatArray, IntArray
+from app.planning.arrays import FloatArray, IntArray, copy_into
 from app.planning.plant.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
 from app.planning.plant.rollout import terminal_state
 from app.planning.plant.sensitivity import linearise
@@ -73,7 +73,7 @@ def descend(
     for _ in range(iterations):
         if stopped[0]:
             break
-        trial[:] = controls
+        copy_into(trial, controls)
         across, spent = _least_within_motion(trial, task, differences, stopped)
         rollouts += spent
         fraction = 1.0
@@ -90,7 +90,8 @@ def descend(
             fraction *= 0.5
         else:
             break
-        controls[:], value, error = trial, trial_value, trial_error
+        copy_into(controls, trial)
+        value, error = trial_value, trial_error
     return error, rollouts
 
 
@@ -116,8 +117,7 @@ def _least_within_motion(
     )
     terminal_rows = active.rows[:NUM_TERMINAL_ROWS]
     linearise(controls, task, terminal_rows)
-    # Not the constant, for whose type Numba would compile all that takes it once more.
-    num_rows = len(terminal_rows)
+    num_rows = NUM_TERMINAL_ROWS
     reduced, direction, rates = np.empty(horizon), np.empty(horizon), np.empty(horizon)
     for _ in range(6 * horizon):
         if stopped[0] or num_rows < 0:
@@ -290,7 +290,8 @@ def _solve_semidefinite(matrix: FloatArray, unknowns: FloatArray) -> None:
             continue
         for j in range(i + 1, size):
             factor = matrix[j, i] / matrix[i, i]
-            matrix[j] -= factor * matrix[i]
+            for k in range(matrix.shape[1]):
+                matrix[j, k] -= factor * matrix[i, k]
             unknowns[j] -= factor * unknowns[i]
     for i in range(size - 1, -1, -1):
         if matrix[i, i] <= DEPENDENT * original[i]:
@@ -320,7 +321,8 @@ def _release(active: ActiveSet, reduced: FloatArray, multipliers: FloatArray, nu
     if row >= 0:
         last = num_rows - 1
         held[held_at[row]] = FREE
-        rows[row], held_at[row] = rows[last], held_at[last]
+        copy_into(rows[row], rows[last])
+        held_at[row] = held_at[last]
         return last
     if control >= 0:
         frozen[control] = FREE

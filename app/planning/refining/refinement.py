@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from app.compilation import compiled
-from app.planning.arrays import BoolArray, FloatArray, IntArray
+from app.planning.arrays import BoolArray, FloatArray, IntArray, copy_into
 from app.planning.objectives import TERMINAL_ERROR, TOLERANCE, Objective
 from app.planning.options import Options
 from app.planning.plant.task import Task
@@ -181,7 +181,8 @@ def _repair(
     worst = chosen[np.argmax(errors[chosen])]
     restart, error, rollouts = _restart(controls.shape[1], task, iterations, stopped)
     if error < errors[worst]:
-        controls[worst], errors[worst], replaced[worst] = restart, error, True
+        copy_into(controls[worst], restart)
+        errors[worst], replaced[worst] = error, True
     best = chosen[np.argmin(errors[chosen])]
     error, spent = _overwrite_windows(controls[best], errors[best], task, iterations, stopped)
     if error < errors[best]:

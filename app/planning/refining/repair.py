@@ -141,7 +141,8 @@ def _try_ends(
             worst = np.argmax(best.errors)
             if error < best.errors[worst]:
                 best.errors[worst] = error
-                best.stretches[worst] = np.array([a, b, first, second, third])
+                for i, value in enumerate((a, b, first, second, third)):
+                    best.stretches[worst, i] = value
     return rollouts
 
 

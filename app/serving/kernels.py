@@ -1,0 +1,33 @@
+"""The parts in which a service's kernels are compiled."""
+
+import threading
+from collections.abc import Iterable
+
+import loky
+
+from app.compilation.parts import Part, compile_missing
+from app.terminal import progress_line
+
+PLANNING = (
+    Part("refinement", "app.planning.warm_up:make_refined_plans"),
+    Part("the reachable set", "app.planning.warm_up:make_bounded_plan"),
+    Part("the methods", "app.planning.warm_up:make_plans"),
+)
+"""Whoever plans needs them; the longest first."""
+NETWORK = (Part("the network", "app.inference.kernel:warm_up"),)
+"""TorchScript does without them."""
+
+
+def available_cores() -> int:
+    """Return the cores that this process may use: the cgroup's quota, not the host's count."""
+    return int(loky.cpu_count())
+
+
+def prepare(parts: Iterable[Part]) -> None:
+    """Compile what no earlier process left, with a line on the terminal that tells so; blocks."""
+    with progress_line() as show:
+        compile_missing(parts, available_cores(), show, threading.Event())
+
+
+if __name__ == "__main__":
+    prepare((*PLANNING, *NETWORK))

@@ -31,6 +31,7 @@ class Kernel(Generic[R]):
         if function.__closure__:
             raise TypeError(f"{function.__qualname__} depends on more than its source")
         self._function = function
+        self.name = f"{function.__module__}.{function.__qualname__}"
         self.package = package_of(function)
         self.all.append(self)
         update_wrapper(self, function)

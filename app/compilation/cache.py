@@ -88,11 +88,7 @@ class KernelCache(_Cache):
                     write(folder / name, content)
                     used[name] = DIGEST_BYTES + len(content)
                     return
-            warnings.warn(
-                "kernels are compiled in every process: no folder takes them",
-                KernelsNotKept,
-                stacklevel=1,
-            )
+            _warn_once()
         finally:
             self._unlock(name)
 
@@ -132,6 +128,12 @@ class KernelCache(_Cache):
     def _unlock(self, name: str) -> None:
         if lock := self._locks.pop(name, None):
             lock.release()
+
+
+@lru_cache  # Python's own memory of what it warned of is lost as Numba changes the filters
+def _warn_once() -> None:
+    text = "kernels are compiled in every process: no folder takes them"
+    warnings.warn(text, KernelsNotKept, stacklevel=1)
 
 
 def write(file: Path, content: bytes) -> None:

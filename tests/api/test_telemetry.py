@@ -88,7 +88,7 @@ def test_a_request_is_one_line_with_all_that_its_handler_knows(
     assert line["status"] == 200
     assert 0 < line["duration_ms"] < 5000
     assert line | PLANNED == line
-    assert line["message"] == "GET /planned/3 200"
+    assert re.fullmatch(r"GET /planned/3 200 in [0-9.]+ ms", line["message"])
 
 
 def test_method_and_model_label_the_metrics(client: httpx.Client) -> None:

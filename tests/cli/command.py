@@ -13,9 +13,18 @@ from app.launch import START_SECONDS
 
 def run(*arguments: str, cwd: Path, store: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run the command in another directory, with a model store of its own if `store` names one."""
+    return _run("-m", "app", *arguments, cwd=cwd, store=store)
+
+
+def run_python(script: str, cwd: Path, store: Path) -> subprocess.CompletedProcess[str]:
+    """Run a script in another directory, with a model store of its own."""
+    return _run("-c", script, cwd=cwd, store=store)
+
+
+def _run(*arguments: str, cwd: Path, store: Path | None) -> subprocess.CompletedProcess[str]:
     environment = os.environ | ({"BREAKAWAY_MODEL_STORE": str(store)} if store else {})
     return subprocess.run(
-        [sys.executable, "-m", "app", *arguments],
+        [sys.executable, *arguments],
         cwd=cwd,
         env=environment,
         capture_output=True,

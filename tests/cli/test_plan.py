@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from app.wire.answers import MultistepPlanResponse, PlanResponse
-from tests.cli.command import invoke, run
+from tests.cli.command import invoke, run, run_python
 
 TARGET = ("--target-state", "0.2", "0")
 UNIFORM = (*TARGET, "--method", "uniform", "--seed", "7")
@@ -144,8 +144,18 @@ def test_a_bad_setting_is_named_by_its_variable() -> None:
     assert done.stderr == "BREAKAWAY_MAX_CANDIDATES: Input should be greater than 0\n"
 
 
+def test_a_compiled_method_needs_neither_torch_nor_a_model(tmp_path: Path) -> None:
+    script = (
+        "import sys; from app.cli import breakaway; "
+        f"breakaway(['plan', *{UNIFORM!r}], standalone_mode=False); print('torch' in sys.modules)"
+    )
+    done = run_python(script, cwd=tmp_path, store=tmp_path / "nowhere")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1] == "False"
+
+
 def test_a_missing_store_is_said() -> None:
-    done = invoke("plan", *UNIFORM, BREAKAWAY_MODEL_STORE="nowhere")
+    done = invoke("plan", *TARGET, BREAKAWAY_MODEL_STORE="nowhere")
     assert done.exit_code == 1
     assert done.stderr == "the model store nowhere is not a directory\n"
 
@@ -182,7 +192,7 @@ def test_a_plan_that_fails_leaves_its_outputs_as_they_were(tmp_path: Path) -> No
     kept, absent = tmp_path / "kept.json", tmp_path / "absent.png"
     kept.write_text("the last plan")
     outputs = ("--json", str(kept), "--picture", str(absent))
-    done = invoke("plan", *UNIFORM, *outputs, BREAKAWAY_MODEL_STORE="nowhere")
+    done = invoke("plan", *TARGET, *outputs, BREAKAWAY_MODEL_STORE="nowhere")
     assert done.exit_code == 1
     assert kept.read_text() == "the last plan"
     assert not absent.exists()

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from app.inference import model_store
+from app.inference import model as model_module
 from app.inference.device import CPU
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
 from app.inference.model import Model
@@ -278,7 +278,7 @@ def test_a_model_whose_checkpoint_was_damaged_since_is_refused_though_it_is_load
 
 def reload_untimed(store: Path, serving: list[Model]) -> ModelStore:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(model_store, "measure_pace", lambda *_: pytest.fail("timed a network"))
+        patch.setattr(model_module, "measure_pace", lambda *_: pytest.fail("timed a network"))
         return ModelStore.load(store, CPU, THREADS, serving=serving)
 
 

@@ -24,10 +24,10 @@ RUN useradd --uid 10001 --create-home breakaway
 COPY --from=dependencies /opt/venv /opt/venv
 COPY --from=package /package /opt/venv
 ENV PATH=/opt/venv/bin:${PATH} BREAKAWAY_HOST=0.0.0.0
+# Kernels for this CPU, for whoever runs the image; on another CPU the first start compiles them.
+RUN NUMBA_CACHE_DIR=/opt/venv/share/breakaway/kernels python -m app.serving.kernels
 USER 10001:10001
 WORKDIR /home/breakaway
-# Kernels for this CPU, for a faster start; on another one they are compiled at the first start.
-RUN breakaway plan --target-state 0.2 0
 EXPOSE 8000
 # Not urllib.request: it would ask a proxy where the environment names one.
 HEALTHCHECK --interval=10s --timeout=5s --start-period=60s \

@@ -6,6 +6,7 @@ import pytest
 import torch
 from hypothesis import settings
 
+from app.serving.kernels import NETWORK, PLANNING, prepare
 from training.config import DEFAULT_CONFIG, TrainingConfig
 from training.export import export
 from training.trainer import Trainer
@@ -15,6 +16,12 @@ MODEL = "tiny"
 # The first example of a test may compile a kernel.
 settings.register_profile("kernels", deadline=None)
 settings.load_profile("kernels")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernels() -> None:
+    """Compile all kernels on all cores, where the first test would on one."""
+    prepare((*PLANNING, *NETWORK))
 
 
 def tiny_config() -> TrainingConfig:

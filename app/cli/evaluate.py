@@ -76,12 +76,15 @@ def evaluate(
     from app.evaluation.answer_log import EvaluationError
     from app.evaluation.run import evaluate as run_evaluation
     from app.evaluation.suites import SUITES
+    from app.serving.kernels import NETWORK, PLANNING, prepare
 
     if unknown := sorted(set(suites) - SUITES.keys()):
         there_are = "\n".join(f"{name:22}{suite.purpose}" for name, suite in SUITES.items())
         raise Failure(f"no suite {', '.join(unknown)}; there are\n{there_are}")
     chosen = [SUITES[name](seed, quick) for name in SUITES if name in (suites or SUITES)]
     try:
+        if url is None:
+            prepare((*PLANNING, *NETWORK))
         report = asyncio.run(
             run_evaluation(
                 chosen, lambda: connect(url, api_key), out, concurrency, Console(stderr=True)

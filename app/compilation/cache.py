@@ -174,7 +174,7 @@ def writable_folders(package: Path) -> Iterator[Path]:
     """Yield where kernels of `package` may be written to; they exist by then."""
     for folder in _own_folders(package):
         with suppress(OSError):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
             yield folder
 
 

@@ -33,7 +33,7 @@ from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_TARGETS, MultistepPlanRequest, PlanRequest
 
 build_checks()
-router = APIRouter()
+router = APIRouter(generate_unique_id_function=lambda route: route.name)
 admin_router = APIRouter()
 """Open only where the settings say so."""
 

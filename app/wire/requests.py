@@ -57,7 +57,11 @@ class _Request(WireModel):
     model_config = ConfigDict(extra="forbid")
 
     initial_state: State = Field(examples=[[0.0, 0.0]])
-    method: MethodField = ActionDiffusion()
+    method: MethodField = Field(
+        default_factory=ActionDiffusion,
+        # By its name: generators of clients know no default that is an object.
+        json_schema_extra={"default": ActionDiffusion().name},
+    )
     num_candidates: Annotated[int, Field(strict=True, ge=1)] = Field(
         16, description="K: candidates that are rolled out and ranked."
     )

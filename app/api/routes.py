@@ -12,6 +12,7 @@ from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import PlainTextResponse, RedirectResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
+from app.api.body import JsonRoute
 from app.api.errors import MEDIA_TYPE
 from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model import Model
@@ -34,7 +35,7 @@ from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_TARGETS, MultistepPlanRequest, PlanRequest
 
 build_checks()
-router = APIRouter()
+router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
 admin_router = APIRouter()
 """Open only where the settings say so."""
 
@@ -70,10 +71,11 @@ def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]
 
 NOT_READY = (503, "The service is starting or draining.")
 PLAN_PROBLEMS = _problems(
-    (400, "The body is not JSON."),
+    (400, "The body is not JSON, not UTF-8, or nested too deeply."),
     (404, "No such model."),
     (413, "The body is too large."),
-    (422, "A field is invalid, too large, or does not fit the model."),
+    (415, "The body is not sent as JSON, or it is compressed."),
+    (422, "A field is invalid, repeated, too large, or does not fit the model."),
     (429, "Too much to do, or no time for it; Retry-After says when to come back."),
     (500, "Planning failed."),
     NOT_READY,

@@ -132,3 +132,12 @@ def test_the_body_of_a_request_that_offers_an_upgrade_is_read(connection: socket
     answer = answer_on(connection)
     assert answer.startswith(b"HTTP/1.1 200 ")
     assert answer.endswith(b"hello")
+
+
+def test_connections_to_a_socket_that_listens_send_at_once() -> None:
+    (listener,) = listen("127.0.0.1", 0)
+    with listener, socket.create_connection(listener.getsockname()):
+        accepted, _ = listener.accept()
+        with accepted:
+            # What asyncio looks at before it turns Nagle's algorithm off.
+            assert accepted.proto == socket.IPPROTO_TCP

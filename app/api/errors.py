@@ -28,6 +28,11 @@ from app.wire.field_errors import field_errors
 from app.wire.json_text import InvalidParts, NestedTooDeeply, NotJson, NotUtf8
 from app.wire.problems import FieldError, ProblemDetails
 
+
+class MalformedHttp(HTTPException):
+    """What a connection brought is not HTTP as we know it."""
+
+
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"
 
@@ -113,11 +118,26 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(InvalidParts, _invalid_parts)
     app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(MalformedHttp, answer_malformed_http)
     app.add_exception_handler(Exception, _unexpected)
     for kind in ANSWERS:
         app.add_exception_handler(kind, _answer)
     for kind in FIELDS:
         app.add_exception_handler(kind, _invalid_field)
+
+
+async def answer_malformed_http(request: Request, error: Exception) -> Response:
+    """Tell what was wrong with a request's head or body; no other follows on its connection."""
+    assert isinstance(error, MalformedHttp)
+    request.state.log_fields["malformed"] = error.detail
+    return problem_response(
+        request,
+        error.status_code,
+        f"the request cannot be read: {error.detail}",
+        slug="malformed-http",
+        title="Malformed HTTP",
+        headers={"Connection": "close"},
+    )
 
 
 async def _answer(request: Request, error: Exception) -> Response:
@@ -141,7 +161,10 @@ async def _invalid_field(request: Request, error: Exception) -> Response:
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     headers = dict(error.headers or {})
-    return problem_response(request, error.status_code, str(error.detail), headers=headers)
+    detail = str(error.detail)
+    if error.status_code == HTTPStatus.NOT_FOUND and request.url.path.endswith("/"):
+        detail = "there is nothing here; no path ends with a slash"
+    return problem_response(request, error.status_code, detail, headers=headers)
 
 
 async def _unexpected(request: Request, _: Exception) -> Response:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numba
 import numpy
 from fastapi import APIRouter, Depends, HTTPException, Request
-from fastapi.responses import PlainTextResponse, RedirectResponse, Response
+from fastapi.responses import PlainTextResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
 from app.api.body import JsonRoute
@@ -214,12 +214,6 @@ async def reload(runtime: RuntimeDependency) -> list[ModelDescription]:
     except ModelRejected as error:
         raise HTTPException(409, f"the old models stay: {error}") from error
     return await models(runtime.service)
-
-
-@router.get("/", include_in_schema=False)
-async def home() -> RedirectResponse:
-    """Send a browser to the documentation."""
-    return RedirectResponse("docs")
 
 
 def _describe(model: Model) -> ModelDescription:

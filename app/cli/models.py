@@ -21,7 +21,7 @@ def models() -> None:
     from app.planning.plant.plant_range import in_words
 
     try:
-        directories = find_versions(read_settings().model_store)
+        directories = find_versions(read_settings(["model_store"]).model_store)
     except ModelRejected as error:
         raise Failure(str(error)) from None
     table = Table(

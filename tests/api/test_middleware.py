@@ -15,7 +15,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.api.keys import ApiKeys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet, HttpMiddleware
+from app.api.request_target import RequestTarget
 from app.api.telemetry import Telemetry
+from app.api.unsupported import Unsupported
 from app.settings import Settings
 from tests.metrics import value
 from tests.served import serving, wait_until
@@ -156,7 +158,9 @@ MIDDLEWARE: list[Wrap] = [
     HeadAsGet,
     lambda app: BodyLimit(app, 1000, 1.0),
     lambda app: ApiKeys(app, [], ["/"]),
+    lambda app: RequestTarget(app, ""),
     lambda app: Telemetry(app, Metrics()),
+    Unsupported,
 ]
 
 

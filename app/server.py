@@ -85,8 +85,8 @@ class Server(uvicorn.Server):
             self.failed = True
             await asyncio.sleep(FAILED_SECONDS)
             self.should_exit = True
-        elif not self._is_ending:
-            host, port = self.servers[0].sockets[0].getsockname()[:2]
+        elif listeners := self.servers[0].sockets:  # none, once it ends
+            host, port = listeners[0].getsockname()[:2]
             url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
             log.info("Breakaway serves at %s, its documentation at %s/docs", url, url)
 

@@ -1,4 +1,4 @@
-"""The HTTP server: uvicorn with our settings and signals, and a time limit that it lacks.
+"""The HTTP server: uvicorn with our settings and signals, and time limits that it lacks.
 
 h11 reads the requests. httptools would be faster by 0.2 ms, but drops the body of one that offers
 an upgrade to HTTP/2, as Java's client does, and bounds neither heads nor trailers.
@@ -14,9 +14,9 @@ from types import FrameType
 
 import uvicorn
 from starlette.types import ASGIApp
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from app.inference.verification import ModelRejected
+from app.send_timeout import SendingConfig, SendTimeout
 from app.serving.refusals import NotReady
 from app.serving.runtime import Runtime
 from app.settings import Settings
@@ -84,7 +84,7 @@ class Server(uvicorn.Server):
             log.error("the models stay as they were: %s", error)
 
 
-class _Config(uvicorn.Config):
+class _Config(SendingConfig):
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         super().__init__(
             app,
@@ -101,9 +101,10 @@ class _Config(uvicorn.Config):
             timeout_graceful_shutdown=SENDING_SECONDS,
         )
         self.header_timeout_s = settings.header_timeout_s
+        self.send_timeout_s = settings.send_timeout_s
 
 
-class _HeadTimeout(H11Protocol):
+class _HeadTimeout(SendTimeout):
     """Closes a connection on which the head of a request takes too long.
 
     The time runs from the connection's start, and on one that is kept alive from the first byte

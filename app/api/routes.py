@@ -139,11 +139,11 @@ async def _answer(
     }
     if work.model:
         request.state.log_fields["model"] = work.model.label
-    compressed = accepts_gzip(request.headers.get("Accept-Encoding", ""))
+    is_gzip_accepted = accepts_gzip(",".join(request.headers.getlist("Accept-Encoding")))
 
     def answer(waited_ms: float) -> tuple[Body, dict[str, float]]:
         result = service.answer(resolved, waited_ms)
-        body = make_body(result, accepts_gzip=compressed, stop=work.stop)
+        body = make_body(result, accepts_gzip=is_gzip_accepted, stop=work.stop)
         return body, result["timing_ms"]
 
     until_sent.enter_context(runtime.admission.answering(work))

@@ -97,12 +97,15 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
             run = _Chaos(server, log_file, service, store, pool, seed)
             await run.replace_model()
             unlike += await pool.ask_all(service, store.version)
+            large_clients = LargeClients(service.connections.address, seed)
             before = await service.metrics()
             async with probing(server.url) as probes:
                 await run.go_on(min(LONGEST_WARM_UP_SECONDS, seconds / 4))
                 await asyncio.sleep(SETTLING_SECONDS)
                 warm = await service.metrics()
-                await run.go_on(seconds)
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(large_clients.go_on_until(perf_counter() + seconds))
+                    tasks.create_task(run.go_on(seconds))
                 await asyncio.sleep(SETTLING_SECONDS)
             after = await service.metrics()
             await asyncio.sleep(IDLE_SECONDS)
@@ -112,7 +115,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
         ending = server.end()
         verdict = Verdict(f"chaos: {NUM_CLIENTS} clients for {seconds:.0f} s")
         verdict.check(UNLIKE_TWICE, unlike)
-        _check(verdict, run.tally, run.large_clients, before, after, probes)
+        _check(verdict, run.tally, large_clients, before, after, probes)
         verdict.check("not ready in the end", not is_ready)
         cores = (idle.cpu_seconds - after.cpu_seconds) / IDLE_SECONDS
         verdict.check("cores busy in the end", cores, IDLE_CORES)
@@ -154,7 +157,6 @@ class _Chaos:
         self._pool = pool
         self._rng = random.Random(f"chaos {seed}")
         self.tally = Tally()
-        self.large_clients = LargeClients(service.connections.address, seed)
 
     async def go_on(self, seconds: float) -> None:
         """Do all that, for so long."""
@@ -164,7 +166,6 @@ class _Chaos:
             tasks.create_task(self._send_all_bad_requests())
             for _ in range(NUM_CLIENTS):
                 tasks.create_task(self._be_a_client_until(end))
-            tasks.create_task(self.large_clients.go_on_until(end))
 
     async def _be_a_client_until(self, end: float) -> None:
         doings = [self._hang_up, self._send_rubbish, self._ask_broken_model, self._ask_well]

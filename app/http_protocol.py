@@ -9,26 +9,26 @@ from collections.abc import Callable
 from typing import Any
 
 import h11
-import uvicorn
 from asgi_correlation_id import CorrelationIdMiddleware
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+from uvicorn.protocols.http.h11_impl import RequestResponseCycle
 
 from app.api.errors import MalformedHttp, answer_malformed_http
 from app.api.telemetry import Telemetry
+from app.send_timeout import SendingConfig, SendTimeout
 
 IPV4_MAPPED = "::ffff:"
 """What a socket for both families puts before an IPv4 address."""
 
 
-class ProtocolConfig(uvicorn.Config):
+class ProtocolConfig(SendingConfig):
     """What the protocol is told."""
 
     header_timeout_s: float
 
 
-class Protocol(H11Protocol):
+class Protocol(SendTimeout):
     """Bounds the time for a request's head, and answers what is no HTTP like any other request.
 
     The time runs from the connection's start, and on one that is kept alive from the first byte

@@ -152,3 +152,4 @@ class _Config(ProtocolConfig):
             timeout_graceful_shutdown=SENDING_SECONDS,
         )
         self.header_timeout_s = settings.header_timeout_s
+        self.send_timeout_s = settings.send_timeout_s

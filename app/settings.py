@@ -111,6 +111,11 @@ class Settings(BaseModel):
     body_timeout_s: PositiveFloat = Field(
         30.0, description="Longest time from a request's head to the end of its body, in seconds."
     )
+    send_timeout_s: PositiveFloat = Field(
+        30.0,
+        description="How long a client may leave lying what is sent to it, in seconds; then it is "
+        "dropped.",
+    )
     idle_timeout_s: PositiveInt = Field(
         75, description="How long a connection is kept between requests, in seconds."
     )
@@ -143,6 +148,10 @@ class Settings(BaseModel):
     )
     max_pending_rollout_steps: PositiveInt = Field(
         4_000_000_000, description="Most time steps that all of them together simulate."
+    )
+    max_pending_answer_bytes: PositiveInt = Field(
+        250_000_000,
+        description="Most bytes of answers that are made and not yet sent; more are answered 429.",
     )
     max_deadline_ms: PositiveInt = Field(
         300_000,

@@ -54,7 +54,9 @@ def test_keys_are_not_shown() -> None:
     assert "secret" not in repr(settings).replace("Secret", "")
 
 
-@pytest.mark.parametrize("name", ["header_timeout_s", "body_timeout_s", "idle_timeout_s"])
+@pytest.mark.parametrize(
+    "name", ["header_timeout_s", "body_timeout_s", "send_timeout_s", "idle_timeout_s"]
+)
 def test_time_limits_are_positive(name: str) -> None:
     with pytest.raises(ValidationError, match=name):
         Settings.model_validate({name: 0})

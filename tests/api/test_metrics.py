@@ -19,13 +19,14 @@ OURS = {
     "breakaway_tick_rows": "histogram",
     "breakaway_pending_requests": "gauge",
     "breakaway_rows_waiting": "gauge",
+    "breakaway_answer_bytes": "gauge",
     "breakaway_rejected": "counter",
 }
 PLAN = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "uniform"}
 
 
 def rendered(metrics: Metrics) -> str:
-    return metrics.render({"tiny/1": Pending(2, 300)})[0].decode()
+    return metrics.render({"tiny/1": Pending(2, 300, 5000)})[0].decode()
 
 
 def test_all_names_are_ours_and_carry_the_model() -> None:
@@ -57,6 +58,7 @@ def test_what_is_pending_is_told_as_it_is_now() -> None:
     metrics = Metrics()
     assert value(rendered(metrics), "breakaway_pending_requests", model="tiny/1") == 2
     assert value(rendered(metrics), "breakaway_rows_waiting", model="tiny/1") == 300
+    assert value(rendered(metrics), "breakaway_answer_bytes", model="tiny/1") == 5000
     text = metrics.render({})[0].decode()
     assert not any(line.startswith("breakaway_pending_requests{") for line in text.splitlines())
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -10,10 +11,11 @@ from app.inference.model import Model
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
+from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.service import PlanningService
 from app.settings import Settings
-from app.wire.requests import PlanRequest
+from app.wire.requests import MultistepPlanRequest, PlanRequest
 from tests.inference.fakes import HORIZON, FakeNetwork, fake_model
 
 STIFF = replace(PlantRange.only(System()), static_friction=(1.0, 2.0), control_limit=(0.5, 3.0))
@@ -68,3 +70,19 @@ def test_what_the_named_model_does_not_cover_is_refused_with_what_it_covers(
     assert str(refusal.value) == (
         f"stiff/1 was trained for plants with {STIFF}, and horizon {HORIZON}"
     )
+
+
+@pytest.mark.parametrize("include", [["candidates"], ["states"], ["states", "candidates"]])
+@pytest.mark.parametrize("kind", [PlanRequest, MultistepPlanRequest])
+def test_how_long_an_answer_will_be_is_known_before(
+    service: PlanningService, kind: type[PlanRequest | MultistepPlanRequest], include: list[str]
+) -> None:
+    state = [0.2, 0.0]
+    targets = {"target_state": state} if kind is PlanRequest else {"targets": [state] * 3}
+    body = {"initial_state": [0, 0], "method": "uniform", "horizon": 400, "include": include}
+    asked: Any = kind.model_validate(body | targets)
+    resolved = service.resolve(asked)
+
+    text = b"".join(json_parts(service.answer(resolved)))
+
+    assert resolved.work.answer_bytes == pytest.approx(len(text), rel=0.3)

@@ -89,9 +89,10 @@ def refine(
     moves, the mass stops too early or leaves in the wrong direction. If none has arrived, `repair`
     descends from the sequences of three stretches that end nearest to the target (accelerate,
     coast, brake) and puts the best of them in the place of the worst refined candidate; then it
-    overwrites windows of the best one with full or no control as long as that helps. Where that does
-    not arrive either, a plan is traced back through the reachable set (reachable/trace.py): it ends
-    on the floor, wherever that is exact. Every change is kept only where the true rollout improves.
+    overwrites windows of the best one with full or no control as long as that helps. Where that
+    does not arrive either, a plan is traced back through the reachable set (reachable/trace.py): it
+    ends on the floor, wherever that is exact. Every change is kept only where the true rollout
+    improves.
 
     With an objective that is a sum of squares the candidates that arrive equally well then descend
     it without leaving their terminal states (null_space.py), so that each is locally the least of

@@ -94,9 +94,9 @@ class PlanningService:
             recipe.num_candidates * cost.network_evaluations * num_targets,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=model,
-            rows_per_step=2 * recipe.num_candidates,
+            rows_per_step=cost.predictions_per_step * recipe.num_candidates,
             rollout_steps=(cost.rollouts * horizon + measuring_steps) * num_targets,
-            kind=f"{recipe.method.name}, refined" if recipe.refinement else recipe.method.name,
+            kind=_kind(recipe),
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
         return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, work)
@@ -249,6 +249,13 @@ class ResolvedRequest(Generic[R]):
         }
 
 
+def _kind(recipe: Recipe[MethodOptions]) -> str:
+    """Return the kind of plans that take about as long for a simulated time step."""
+    if recipe.refinement is None:
+        return recipe.method.name
+    return f"{recipe.method.name}, refined for {recipe.objective.name}"
+
+
 def _able(method: Any, proposal: LearnedProposal | None) -> Method:
     """Return a method that can propose, with the model that its options lack."""
     if isinstance(method, ActionDiffusion):
@@ -288,7 +295,7 @@ def _candidates(candidates: RankedCandidates, with_states: bool) -> CandidatesRe
 
 
 def _cost(cost: Cost) -> CostReport:
-    return CostReport(**asdict(cost))
+    return CostReport(network_evaluations=cost.network_evaluations, rollouts=cost.rollouts)
 
 
 def _timing(timing: Timing) -> TimingReport:

@@ -109,7 +109,7 @@ def test_requests_are_counted_by_route_and_never_by_what_clients_write(
         before = counted(**labels)
         client.get(path)
         # A file is closed, in a thread, when its answer is already here, and counted only then.
-        wait_until(partial(is_above, before, **labels), seconds=10)
+        wait_until(partial(is_above, before, **labels))
         assert counted(**labels) == before + 1
     client.request("BREW", "/livez")
     assert counted(route="/livez", http_method="other", status="405") == 1

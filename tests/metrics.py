@@ -1,5 +1,6 @@
 """Reading `GET /metrics`."""
 
+import httpx
 from prometheus_client.parser import text_string_to_metric_families
 
 
@@ -11,3 +12,8 @@ def value(text: str, name: str, **labels: str) -> float:
         for sample in family.samples
         if sample.name == name and labels.items() <= sample.labels.items()
     )
+
+
+def pending(client: httpx.Client) -> float:
+    """Return how many plans a service is at work on, or has waiting."""
+    return value(client.get("/metrics").text, "breakaway_pending_requests")

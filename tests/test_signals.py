@@ -13,7 +13,8 @@ from typing import Any
 import httpx
 import pytest
 
-from app.launch import launch
+from app.launch import START_SECONDS, launch
+from tests.metrics import pending
 from tests.served import wait_until
 from tests.stores import publish_version
 
@@ -50,7 +51,7 @@ def start(model_store: Path) -> Iterator[Start]:
             server = stack.enter_context(
                 launch("app", "serve", "--model-store", str(store), port=port)
             )
-            client = httpx.Client(base_url=server.url, timeout=120)
+            client = httpx.Client(base_url=server.url, timeout=START_SECONDS)
             return server.process, stack.enter_context(client)
 
         yield start
@@ -63,9 +64,8 @@ def threads() -> Iterator[ThreadPoolExecutor]:
 
 
 def wait_until_begun(client: httpx.Client, futures: list[Future[Any]]) -> None:
-    """Wait until a short request has been answered beside those."""
-    for _ in range(3):
-        client.post("/plan", json=LONG | {"num_candidates": 1, "method": "uniform"})
+    """Wait until the service is at work on those."""
+    wait_until(lambda: pending(client) == len(futures))
     assert not any(future.done() for future in futures)
 
 
@@ -92,7 +92,7 @@ def test_sigterm_finishes_what_was_taken_on_and_takes_on_no_more(
         answer = future.result()
         assert answer.status_code == 200
         assert answer.json()["controls"] == alone[name].json()["controls"]
-    assert process.wait(timeout=30) == -signal.SIGTERM
+    assert process.wait(START_SECONDS) == -signal.SIGTERM
 
 
 def test_a_second_signal_ends_the_server_at_once(start: Start, threads: ThreadPoolExecutor) -> None:
@@ -104,7 +104,7 @@ def test_a_second_signal_ends_the_server_at_once(start: Start, threads: ThreadPo
     wait_until(lambda: client.get("/readyz").status_code == 503)
     process.send_signal(signal.SIGTERM)
 
-    assert process.wait(timeout=10) == -signal.SIGTERM
+    assert process.wait(START_SECONDS) == -signal.SIGTERM
     with contextlib.suppress(httpx.TransportError):  # it may not have had the time to say so
         assert futures[0].result().status_code == 503
 

@@ -17,11 +17,12 @@ def models() -> None:
     from rich.console import Console
     from rich.table import Column, Table
 
-    from app.inference.verification import ModelRejected, find_versions, verify
+    from app.inference.verification import ModelRejected, find_skipped, find_versions, verify
     from app.planning.plant.plant_range import in_words
 
+    store = read_settings(["model_store"]).model_store
     try:
-        directories = find_versions(read_settings(["model_store"]).model_store)
+        directories = find_versions(store)
     except ModelRejected as error:
         raise Failure(str(error)) from None
     table = Table(
@@ -46,5 +47,7 @@ def models() -> None:
             manifest.sha256[:12],
         )
     Console().print(table)
+    for line in find_skipped(store):
+        click.echo(f"skipped: {line}", err=True)
     if rejected:
         raise Failure("\n".join(rejected))

@@ -1,12 +1,14 @@
 """Clients of the service, waiting and asynchronous, with answers typed by the very schemas it uses.
 
 Both come back by themselves when the service is busy (429), starting or draining (503), or cannot
-be reached for a while; what it refuses otherwise is a `RequestRefused`.
+be reached for a while; what it refuses otherwise is a `RequestRefused`. A request without a seed
+gets one here, so that another attempt asks for the same plan.
 """
 
+import secrets
 from collections.abc import Awaitable, Callable
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import httpx
 from httpx_retries import Retry, RetryTransport
@@ -15,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from app.wire.about import Health, Info, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.problems import ProblemDetails
-from app.wire.requests import MultistepPlanRequest, PlanRequest
+from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
 
 PATIENCE_SECONDS = 300.0
 LONGEST_WAIT_SECONDS = 10.0
@@ -67,11 +69,11 @@ class PlannerClient:
             RequestRefused: the service says no.
             httpx.TransportError: it cannot be reached.
         """
-        return _read(PlanResponse, self._http.post("/plan", json=request.model_dump()))
+        return _read(PlanResponse, self._http.post("/plan", json=_body(request)))
 
     def plan_multistep(self, request: MultistepPlanRequest) -> MultistepPlanResponse:
         """Ask `POST /plan_multistep`; errors as for `plan`."""
-        response = self._http.post("/plan_multistep", json=request.model_dump())
+        response = self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
 
     def models(self) -> list[ModelDescription]:
@@ -126,12 +128,12 @@ class AsyncPlannerClient:
 
     async def plan(self, request: PlanRequest) -> PlanResponse:
         """Ask `POST /plan`; errors as for `PlannerClient.plan`."""
-        response = await self._http.post("/plan", json=request.model_dump())
+        response = await self._http.post("/plan", json=_body(request))
         return _read(PlanResponse, response)
 
     async def plan_multistep(self, request: MultistepPlanRequest) -> MultistepPlanResponse:
         """Ask `POST /plan_multistep`; errors as for `PlannerClient.plan`."""
-        response = await self._http.post("/plan_multistep", json=request.model_dump())
+        response = await self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
 
     async def models(self) -> list[ModelDescription]:
@@ -162,6 +164,14 @@ class AsyncPlannerClient:
         await self.aclose()
 
 
+def _body(request: PlanRequest | MultistepPlanRequest) -> dict[str, Any]:
+    """Return what is sent, at every attempt the same."""
+    body = request.model_dump()
+    if request.seed is None:
+        body["seed"] = secrets.randbelow(MAX_SEED + 1)
+    return body
+
+
 def _headers(api_key: str | None) -> dict[str, str]:
     return {"Authorization": f"Bearer {api_key}"} if api_key else {}
 
@@ -171,7 +181,7 @@ def _retrying(
     patience_s: float,
     read_whole: Callable[[httpx.Response], Awaitable[None] | None],
 ) -> RetryTransport:
-    """Wrap a transport so that it comes back; the same request with its seed may be asked twice.
+    """Wrap a transport so that it comes back: a request has a seed, and may be asked twice.
 
     An answer that takes too long is not asked for again: it would take as long once more.
     """

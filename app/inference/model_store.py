@@ -3,12 +3,13 @@
 PyTorch is loaded with the first model, and not before: a compiled method plans without either.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from app.inference.manifest import Manifest
-from app.inference.verification import find_versions, verify
+from app.inference.verification import find_skipped, find_versions, verify
 from app.planning.plant.system import System
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from app.inference.model import Model
     from app.inference.networks import Kind
     from app.inference.row_threads import RowThreads
+
+log = logging.getLogger(__name__)
 
 
 class UnknownModel(LookupError):
@@ -28,10 +31,16 @@ class UnfitModel(LookupError):
 
 
 class ModelStore:
-    """The models of a service, by name and version."""
+    """The models of a service, by name and version.
 
-    def __init__(self, models: "Sequence[Model]") -> None:
+    Args:
+        models: in any order.
+        skipped: what else is there and is no model, and why.
+    """
+
+    def __init__(self, models: "Sequence[Model]", skipped: Sequence[str] = ()) -> None:
         self.models = sorted(models, key=lambda m: (m.manifest.name, -m.manifest.version))
+        self._skipped = skipped
 
     @classmethod
     def load(
@@ -61,12 +70,16 @@ class ModelStore:
         from app.inference.networks import KINDS
 
         verified = [verify(path) for path in find_versions(directory)]
+        skipped = find_skipped(directory)
+        if skipped:
+            log.warning("skipped in the model store %s: %s", directory, ", ".join(skipped))
         return cls(
             [
                 load_model(manifest, content, device, threads, kinds or KINDS, serving)
                 for manifest, content in verified
                 if wanted(manifest)
-            ]
+            ],
+            skipped,
         )
 
     def find(self, reference: str) -> "Model":
@@ -96,4 +109,5 @@ class ModelStore:
         )
 
     def _labels(self) -> str:
-        return ", ".join(model.label for model in self.models) or "none"
+        labels = ", ".join(model.label for model in self.models) or "none"
+        return f"{labels}; skipped: {', '.join(self._skipped)}" if self._skipped else labels

@@ -12,6 +12,8 @@ from pydantic import ValidationError
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
 
+VERSION = re.compile(r"[1-9][0-9]*")
+
 
 class ModelRejected(Exception):
     """A checkpoint or its manifest is missing, damaged or not what its manifest says."""
@@ -28,8 +30,27 @@ def find_versions(directory: Path) -> list[Path]:
     return sorted(
         manifest.parent
         for manifest in directory.glob(f"*/*/{MANIFEST_FILE}")
-        if re.fullmatch(r"[1-9][0-9]*", manifest.parent.name)
+        if VERSION.fullmatch(manifest.parent.name)
     )
+
+
+def find_skipped(directory: Path) -> list[str]:
+    """Return what in a store looks like a model but is none, a line each that says why.
+
+    Hidden folders are drafts, and nobody's concern.
+    """
+    lines = [
+        f"{manifest.parent.name} ({MANIFEST_FILE} belongs in the folder of a version)"
+        for manifest in directory.glob(f"[!.]*/{MANIFEST_FILE}")
+    ]
+    for folder in directory.glob("[!.]*/[!.]*/"):
+        label = f"{folder.parent.name}/{folder.name}"
+        has_manifest = (folder / MANIFEST_FILE).exists()
+        if VERSION.fullmatch(folder.name) and not has_manifest:
+            lines.append(f"{label} (no {MANIFEST_FILE})")
+        elif has_manifest and not VERSION.fullmatch(folder.name):
+            lines.append(f"{label} (a version is a number, from 1 on)")
+    return sorted(lines)
 
 
 def verify(directory: Path) -> tuple[Manifest, bytes]:

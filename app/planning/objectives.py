@@ -1,8 +1,9 @@
 """What to want among plans that arrive equally well, and which candidate has most of it.
 
-The descent of an objective is in refining/null_space.py, its measures are those of metrics.py.
+What lowers them is in refining/ (null_space.py, waiting.py), their measures are in metrics.py.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -63,6 +64,7 @@ def best_candidate(
     states: FloatArray,
     errors: FloatArray,
     objective: Objective = TERMINAL_ERROR,
+    error_limit: float = math.inf,
 ) -> int:
     """Return the index of the best candidate by `objective`.
 
@@ -75,9 +77,11 @@ def best_candidate(
         states: (K, H+1, 2), from the rollout of `controls`.
         errors: (K,), terminal errors of `states`.
         objective: what to have least of.
+        error_limit: m; a candidate with a greater terminal error is the best only if all have one.
     """
-    if objective.measure is None:
+    least = errors.min()
+    if objective.measure is None or least > error_limit:
         return int(np.argmin(errors))
-    equal = np.flatnonzero(errors <= errors.min() + TOLERANCE)
+    equal = np.flatnonzero(errors <= min(least + TOLERANCE, error_limit))
     values = objective.measure(problem, controls[equal], states[equal])
     return int(equal[np.lexsort((errors[equal], values))[0]])

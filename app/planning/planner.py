@@ -1,5 +1,6 @@
 """How a plan comes about: propose, refine, roll out, rank, measure. The one road to a plan."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -16,6 +17,7 @@ from app.planning.plant.rollout import rollout
 from app.planning.problem import Cost, PlanningError, Problem, Timing
 from app.planning.reachable.reachability import reachability
 from app.planning.recipe import Recipe
+from app.planning.refining.gauss_newton import EXACT
 from app.planning.refining.refinement import Refined, refine
 from app.planning.stop import NEVER, Stop
 
@@ -46,15 +48,16 @@ def plan(
     proposed = perf_counter()
 
     measure = cache(lambda: reachability(problem, stop))
-    refined, cost = None, recipe.unrefined.cost()
+    refined, cost, error_limit = None, recipe.unrefined.cost(), math.inf
     if recipe.refinement:
         refined = refine(problem, controls, recipe.refinement, recipe.objective, stop, measure)
         controls, cost = refined.controls, cost + Cost(rollouts=refined.rollouts)
+        error_limit = float(refined.errors_before.min()) + EXACT
     refined_at = perf_counter()
 
     states = rollout(problem.system, problem.initial_state, controls)
     errors = terminal_error(states[:, -1], problem.target_state)
-    best = best_candidate(problem, controls, states, errors, recipe.objective)
+    best = best_candidate(problem, controls, states, errors, recipe.objective, error_limit)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
     bound = measure() if recipe.reachability else None
     measured = perf_counter()

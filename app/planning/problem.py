@@ -62,16 +62,20 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a plan takes."""
+    """What a plan took, or will take: then all is exact but the rollouts of a refinement."""
 
     network_evaluations: int = 0
     """Forward passes of the network, each over all candidates."""
     rollouts: int = 0
     """Control sequences rolled out, over the whole horizon or, in a refinement, a part of it."""
+    predictions_per_step: int = 0
+    """Evaluations that need not wait for each other: guidance weighs two of a candidate, or one."""
 
     def __add__(self, other: "Cost") -> "Cost":
         return Cost(
-            self.network_evaluations + other.network_evaluations, self.rollouts + other.rollouts
+            self.network_evaluations + other.network_evaluations,
+            self.rollouts + other.rollouts,
+            max(self.predictions_per_step, other.predictions_per_step),
         )
 
 

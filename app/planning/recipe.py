@@ -30,10 +30,13 @@ class Recipe(Generic[Choice_co]):
     def cost(self) -> Cost:
         """Return what a plan takes: proposing, a rollout of each candidate, and refinement.
 
-        How many rollouts a refinement takes is known only afterwards; this is about the most.
+        Without refinement it is exactly that. With it the rollouts are an estimate for a plan that
+        does not arrive (`Refinement.cost`), and what was spent stands in the plan's own cost.
         """
         cost = self.method.cost(self.num_candidates) + Cost(rollouts=self.num_candidates)
-        return cost + self.refinement.cost(self.num_candidates) if self.refinement else cost
+        if self.refinement:
+            cost += self.refinement.cost(self.num_candidates, self.objective)
+        return cost
 
     @property
     def unrefined(self) -> "Recipe[Choice_co]":

@@ -213,7 +213,7 @@ class Admission:
         }
 
 
-def _label(model: Model | None) -> str:
+def _label(model: "Model | None") -> str:
     return model.label if model else NONE
 
 

@@ -21,7 +21,7 @@ from app.inference.shares import Share
 from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
-from app.serving.admission import Admission, Pending
+from app.serving.admission import NONE, Admission, Pending
 from app.serving.kernels import NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
@@ -89,8 +89,10 @@ class Runtime:
 
     @property
     def pending(self) -> dict[str, Pending]:
-        """What was taken on and is not done, by model."""
-        return self.admission.pending
+        """What was taken on and is not done, by model; none is left out because it is idle."""
+        models = self._service.models.models if self._service else []
+        idle = {label: Pending(0, 0) for label in (NONE, *(model.label for model in models))}
+        return idle | self.admission.pending
 
     async def start(self) -> None:
         """Load everything in a thread, while the probes answer; then compile what may wait."""

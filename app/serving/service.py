@@ -88,9 +88,9 @@ class PlanningService:
             recipe.num_candidates * cost.network_evaluations * num_targets,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=model,
-            rows_per_step=2 * recipe.num_candidates,
+            rows_per_step=cost.predictions_per_step * recipe.num_candidates,
             rollout_steps=(cost.rollouts * horizon + measuring_steps) * num_targets,
-            kind=f"{recipe.method.name}, refined" if recipe.refinement else recipe.method.name,
+            kind=_kind(recipe),
             answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
@@ -241,6 +241,13 @@ class ResolvedRequest(Generic[R]):
         }
 
 
+def _kind(recipe: Recipe[MethodOptions]) -> str:
+    """Return the kind of plans that take about as long for a simulated time step."""
+    if recipe.refinement is None:
+        return recipe.method.name
+    return f"{recipe.method.name}, refined for {recipe.objective.name}"
+
+
 def _able(method: Any, proposal: LearnedProposal | None) -> Method:
     """Return a method that can propose, with the model that its options lack."""
     if isinstance(method, ActionDiffusion):
@@ -271,7 +278,7 @@ def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, An
         "control_energy": result.control_energy,
         "control_smoothness": result.control_smoothness,
         "stuck_steps": result.stuck_steps,
-        "cost": asdict(result.cost),
+        "cost": _cost_fields(result.cost),
         "timing_ms": _timing_fields(result.timing),
         "candidates": {
             "controls": candidates.controls,
@@ -293,8 +300,13 @@ def _multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> d
         "mean_end_error": result.mean_end_error,
         "mean_end_floor": result.mean_end_floor,
         "stuck_steps": result.stuck_steps,
-        "cost": asdict(result.cost),
+        "cost": _cost_fields(result.cost),
     }
+
+
+def _cost_fields(cost: Cost) -> dict[str, int]:
+    """Return the fields of a `CostReport`."""
+    return {"network_evaluations": cost.network_evaluations, "rollouts": cost.rollouts}
 
 
 def _timing_fields(timing: Timing) -> dict[str, float]:

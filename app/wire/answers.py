@@ -43,7 +43,9 @@ class RefinementReport(WireModel):
     """What refinement did to the best terminal error."""
 
     error_before: float = Field(description="Of the best candidate as proposed.")
-    error_after: float
+    error_after: float = Field(
+        description="Of the plan: never above `error_before` by more than rounding, 1e-12."
+    )
     replaced: bool = Field(
         description="Whether a repair put another motion in the selected candidate's place."
     )

@@ -103,7 +103,8 @@ class _Request(_Asked):
     objective: ObjectiveName = Field(
         "terminal_error",
         description="What ranks candidates that arrive equally well, and with `refine` what is "
-        "lowered among the plans that arrive.",
+        "lowered among the plans that arrive: stuck steps by moving at once and waiting at the "
+        "target, where that is at rest.",
     )
     reachability: bool = Field(
         True,

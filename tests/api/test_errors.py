@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,8 @@ from hypothesis import strategies as st
 
 from app.api import errors
 from app.settings import Settings
-from tests.served import serving, wait_until_ready
+from tests.metrics import pending
+from tests.served import serving, wait_until, wait_until_ready
 
 GOOD = {"initial_state": [0.0, 0.0], "target_state": [0.2, 0.0], "method": "uniform"}
 NAN, INFINITY = float("nan"), float("inf")
@@ -236,7 +236,7 @@ def test_a_full_queue_says_when_to_come_back(model_store: Path) -> None:
         answers: list[httpx.Response] = []
         thread = threading.Thread(target=lambda: answers.append(post(client, GOOD | large)))
         thread.start()
-        time.sleep(0.3)  # the large request must be the first to arrive
+        wait_until(lambda: pending(client) > 0)
         refused = []
         while thread.is_alive():
             response = post(client, GOOD)

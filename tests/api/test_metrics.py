@@ -8,6 +8,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from app.api.metrics import Metrics
 from app.serving.admission import Pending
+from tests.conftest import MODEL
 from tests.metrics import value
 from tests.served import wait_until
 
@@ -59,8 +60,25 @@ def test_what_is_pending_is_told_as_it_is_now() -> None:
     assert value(rendered(metrics), "breakaway_pending_requests", model="tiny/1") == 2
     assert value(rendered(metrics), "breakaway_rows_waiting", model="tiny/1") == 300
     assert value(rendered(metrics), "breakaway_answer_bytes", model="tiny/1") == 5000
-    text = metrics.render({})[0].decode()
-    assert not any(line.startswith("breakaway_pending_requests{") for line in text.splitlines())
+    text = metrics.render({"other/1": Pending(1, 0)})[0].decode()
+    assert 'breakaway_pending_requests{model="tiny/1"}' not in text
+
+
+def test_what_is_idle_is_told_as_zero(client: httpx.Client) -> None:
+    def gauges() -> dict[tuple[str, str], float]:
+        return {
+            (sample.name, sample.labels["model"]): sample.value
+            for family in text_string_to_metric_families(client.get("/metrics").text)
+            for sample in family.samples
+            if family.type == "gauge" and family.name.startswith("breakaway_")
+        }
+
+    idle = {
+        (f"breakaway_{name}", model): 0.0
+        for name in ("pending_requests", "rows_waiting", "answer_bytes")
+        for model in ("none", f"{MODEL}/1")
+    }
+    wait_until(lambda: gauges() == idle)
 
 
 def test_a_tick_tells_rows_and_time() -> None:
@@ -93,7 +111,7 @@ def test_requests_are_counted_by_route_and_never_by_what_clients_write(
         before = counted(**labels)
         client.get(path)
         # A file is closed, in a thread, when its answer is already here, and counted only then.
-        wait_until(partial(is_above, before, **labels), seconds=10)
+        wait_until(partial(is_above, before, **labels))
         assert counted(**labels) == before + 1
     client.request("BREW", "/livez")
     assert counted(route="/livez", http_method="other", status="405") == 1

@@ -13,6 +13,13 @@ def test_it_lists_the_shipped_models_from_any_directory(tmp_path: Path) -> None:
         assert manifest.parent.parent.name in done.stdout
 
 
+def test_an_unfinished_model_is_said_to_be_skipped(tmp_path: Path) -> None:
+    (tmp_path / "young" / "1").mkdir(parents=True)
+    done = invoke("models", BREAKAWAY_MODEL_STORE=str(tmp_path))
+    assert done.exit_code == 0
+    assert done.stderr == "skipped: young/1 (no manifest.json)\n"
+
+
 def test_a_tampered_model_is_named(tampered_store: Path) -> None:
     done = invoke("models", BREAKAWAY_MODEL_STORE=str(tampered_store))
     assert done.exit_code == 1

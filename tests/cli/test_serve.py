@@ -69,12 +69,12 @@ def test_it_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> Non
                 assert server.poll() is None
                 time.sleep(0.1)
             body = {"initial_state": [0, 0], "target_state": [0.2, 0], "num_candidates": 2}
-            answer = httpx.post(f"http://127.0.0.1:{port}/plan", json=body, timeout=60)
+            answer = httpx.post(f"http://127.0.0.1:{port}/plan", json=body, timeout=START_SECONDS)
             assert answer.status_code == 200
             assert answer.json()["model"]["name"] == "tiny"
         finally:
             server.send_signal(signal.SIGTERM)
-        assert server.wait(timeout=30) in (0, -signal.SIGTERM)
+        assert server.wait(START_SECONDS) in (0, -signal.SIGTERM)
     lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     (planned,) = [line for line in lines if line.get("path") == "/plan"]
     assert planned["logger"] == "breakaway.access"

@@ -172,6 +172,43 @@ def test_a_busy_or_starting_service_is_asked_again(plan: Plan) -> None:
 
 
 @with_both_clients
+def test_without_a_seed_another_attempt_asks_for_the_same_plan(plan: Plan) -> None:
+    request = PlanRequest.model_validate({**STATES, "method": "uniform"})
+    seeds = []
+    for _ in range(2):
+        script = Script(httpx.ReadError("gone"), unwilling(503), answered())
+        plan(request, transport=script)
+        assert len(set(script.asked)) == 1
+        seeds.append(PlanRequest.model_validate_json(script.asked[0]).seed)
+    assert None not in seeds
+    assert seeds[0] != seeds[1]
+
+
+@with_both_clients
+def test_the_seed_of_a_request_is_left_as_it_is(plan: Plan) -> None:
+    script = Script(answered())
+    plan(UNIFORM.model_copy(update={"seed": 0}), transport=script)
+    assert PlanRequest.model_validate_json(script.asked[0]).seed == 0
+
+
+def test_a_sequence_without_a_seed_is_sent_with_one() -> None:
+    request = MultistepPlanRequest(initial_state=(0.0, 0.0), targets=[(0.2, 0.0)])
+    script = Script(unwilling(422), unwilling(422))
+
+    async def ask() -> None:
+        async with AsyncPlannerClient(NOWHERE, transport=script) as client:
+            await client.plan_multistep(request)
+
+    with pytest.raises(RequestRefused), PlannerClient(NOWHERE, transport=script) as client:
+        client.plan_multistep(request)
+    with pytest.raises(RequestRefused):
+        asyncio.run(ask())
+    first, second = (MultistepPlanRequest.model_validate_json(body).seed for body in script.asked)
+    assert None not in (first, second)
+    assert first != second
+
+
+@with_both_clients
 @pytest.mark.parametrize(
     "failure",
     [

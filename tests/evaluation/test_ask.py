@@ -58,11 +58,15 @@ def test_every_question_is_asked_once_and_only_so_many_at_a_time(
     asked: Counter[int | None] = Counter()
     told: list[Question] = []
     under_way = [0]
+    many = asyncio.Event()
 
     async def handle(request: PlanRequest) -> httpx.Response:
         asked[request.seed] += 1
         under_way.append(under_way[-1] + 1)
-        await asyncio.sleep(0.01)
+        if under_way[-1] == min(concurrency, 12):
+            many.set()
+        await many.wait()
+        await asyncio.sleep(0)  # lets in who may not come in
         under_way.append(under_way[-1] - 1)
         return good(request)
 

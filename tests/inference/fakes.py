@@ -29,7 +29,7 @@ from training.schedule import cosine_alphas_cumprod
 HORIZON = 8
 TIMESTEPS = 40
 ROWS_AT_ONCE = 16
-TIMEOUT_S = 30.0
+TIMEOUT_S = 300.0
 RAISES, NOT_A_NUMBER = 100.0, 200.0
 """Target velocities with which `FakeNetwork` fails, in the second half of the diffusion times."""
 

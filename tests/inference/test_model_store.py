@@ -219,8 +219,8 @@ def test_a_store_that_does_not_exist_is_refused_and_an_empty_one_is_not(store: P
     assert ModelStore.load(store, CPU, THREADS).models == []
 
 
-def test_half_written_versions_and_other_files_are_invisible(
-    store: Path, publish: Callable[..., Path]
+def test_what_is_no_model_is_skipped_and_said_once(
+    store: Path, publish: Callable[..., Path], caplog: pytest.LogCaptureFixture
 ) -> None:
     whole = publish("tiny", 1)
     (publish("tiny", 2) / MANIFEST_FILE).unlink()
@@ -230,10 +230,25 @@ def test_half_written_versions_and_other_files_are_invisible(
     (store / "tiny" / "draft" / MANIFEST_FILE).write_text("{")
     (store / "tiny" / "01").mkdir()
     (store / "tiny" / "01" / MANIFEST_FILE).write_text("{")
+    (store / "tiny" / "notes").mkdir()
+    (store / "flat").mkdir()
+    (store / "flat" / MANIFEST_FILE).write_text("{")
     (store / "README.md").write_text("about the models")
 
     assert find_versions(store) == [whole]
-    assert [model.label for model in ModelStore.load(store, CPU, THREADS).models] == ["tiny/1"]
+    models = ModelStore.load(store, CPU, THREADS)
+    assert [model.label for model in models.models] == ["tiny/1"]
+    skipped = (
+        "flat (manifest.json belongs in the folder of a version), "
+        "tiny/01 (a version is a number, from 1 on), tiny/2 (no manifest.json), "
+        "tiny/draft (a version is a number, from 1 on)"
+    )
+    (warning,) = caplog.records
+    assert warning.levelname == "WARNING"
+    assert warning.getMessage() == f"skipped in the model store {store}: {skipped}"
+    with pytest.raises(UnknownModel) as unknown:
+        models.find("tiny/2")
+    assert str(unknown.value) == f"no model 'tiny/2'; there are: tiny/1; skipped: {skipped}"
 
 
 def test_verifying_returns_the_very_bytes_that_were_hashed(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from app.inference.row_threads import ROWS_AT_A_TIME, RowThreads
 
-TIMEOUT_S = 20
+TIMEOUT_S = 300
 
 
 @contextmanager

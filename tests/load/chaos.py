@@ -119,7 +119,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
         verdict.check("not ready in the end", not is_ready)
         cores = (idle.cpu_seconds - after.cpu_seconds) / IDLE_SECONDS
         verdict.check("cores busy in the end", cores, IDLE_CORES)
-        verdict.check("end on SIGTERM", ending, ENDING_SECONDS, "s")
+        verdict.check("end on SIGTERM", ending, ENDING_SECONDS, "s", is_timing=True)
         verdict.check("resident memory grew", after.memory_mb - warm.memory_mb, GROWTH_MB, "MB")
         log = log_file.read_text()
         verdict.check("errors in the log", sum(log.count(phrase) for phrase in NEVER_HANDLED))

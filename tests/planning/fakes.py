@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from app.launch import START_SECONDS
 from app.planning.arrays import FloatArray
 from app.planning.methods import METHODS, ActionDiffusion, AnyMethod, Learned
 from app.planning.methods.base import Method
 from app.planning.methods.optimiser import Optimiser
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop, Stopped
-
-TIMEOUT_S = 10.0
 
 
 class NoiseAsControls:
@@ -75,7 +74,7 @@ def stopped(reason: Stopped | None = None) -> Stop:
 def assert_stops(work: Callable[[Stop], object], begun: Callable[[], bool]) -> None:
     """Run `work` in a thread, stop it once it has begun, and wait until it raises the reason.
 
-    It takes much longer than the timeout if it does not stop.
+    It takes minutes if it does not stop, and raises nothing.
     """
     stop, reason = Stop(), Unwanted()
     raised: list[BaseException] = []
@@ -92,6 +91,5 @@ def assert_stops(work: Callable[[Stop], object], begun: Callable[[], bool]) -> N
         threading.Event().wait(0.001)
     assert thread.is_alive(), "it was done before it could be stopped"
     stop.set(reason)
-    thread.join(TIMEOUT_S)
-    assert not thread.is_alive(), "it does not stop"
+    thread.join(START_SECONDS)
     assert raised == [reason]

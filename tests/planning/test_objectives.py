@@ -1,9 +1,12 @@
 """Which candidate is best, among those that arrive equally well."""
 
+import math
+
 import numpy as np
+import pytest
 
 from app.planning.metrics import terminal_error
-from app.planning.objectives import OBJECTIVES, TOLERANCE, best_candidate
+from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, TOLERANCE, best_candidate
 from app.planning.plant.rollout import rollout
 from app.planning.problem import Problem
 
@@ -37,3 +40,17 @@ def test_of_equal_measures_the_lesser_terminal_error_decides() -> None:
 
     for objective in OBJECTIVES.values():
         assert best_candidate(problem, controls, states, errors, objective) == 1
+
+
+@pytest.mark.parametrize(
+    ("error_limit", "best"), [(math.inf, 0), (0.5 + 0.4 * TOLERANCE, 1), (0.0, 2)]
+)
+def test_a_lesser_measure_does_not_excuse_an_error_beyond_the_limit(
+    error_limit: float, best: int
+) -> None:
+    problem = Problem(np.zeros(2), np.array([1.0, 0.0]))
+    controls = np.array([[0.0], [0.1], [0.2]])
+    states = np.zeros((3, 2, 2))
+    errors = 0.5 + TOLERANCE * np.array([0.5, 0.3, 0.0])
+
+    assert best_candidate(problem, controls, states, errors, CONTROL_ENERGY, error_limit) == best

@@ -13,8 +13,8 @@ from app.planning import planner
 from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.methods.base import Method
-from app.planning.metrics import control_energy, control_smoothness, stuck_steps
-from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, Objective
+from app.planning.metrics import control_energy, control_smoothness, stuck_steps, terminal_error
+from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, TOLERANCE, Objective
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.rollout import rollout
@@ -314,3 +314,19 @@ def test_a_multistep_plan_knows_the_floors_of_its_segments() -> None:
     assert floors[0] > 0.05
     assert result.mean_end_floor == pytest.approx(np.mean(floors))
     assert result.mean_end_error == pytest.approx(result.mean_end_floor, abs=1e-6)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES.values(), ids=OBJECTIVES)
+def test_with_no_objective_refinement_ends_further_off_than_it_began(objective: Objective) -> None:
+    # Full control is the best there is; another one lacks less than a millionth, for less energy.
+    controls = np.full((2, 20), 0.9)
+    controls[1, 5] -= 1e-6
+    recipe = Recipe(Fixed(controls), 2, Refinement(num_refined=1), objective)
+    problem = Problem(np.zeros(2), np.array([5.0, 0.0]), horizon=20)
+    errors = terminal_error(rollout(System(), np.zeros(2), controls)[:, -1], problem.target_state)
+    assert 0 < errors[1] - errors[0] < TOLERANCE
+
+    effect = plan(problem, recipe, np.random.default_rng(0)).refinement
+
+    assert effect is not None
+    assert effect.error_after <= effect.error_before + 1e-12

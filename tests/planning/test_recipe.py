@@ -1,15 +1,23 @@
-"""What a plan takes is known before it is made: exactly, or as a bound where it is refined."""
+"""What a plan takes is known before it is made: exactly, or about where it is refined."""
+
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 from app.planning.methods import CEM, ActionDiffusion, DatasetPrior, Uniform, WarmStarted
 from app.planning.methods.base import Method
-from app.planning.objectives import CONTROL_ENERGY
+from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, Objective
 from app.planning.planner import plan
 from app.planning.problem import Cost, Problem
 from app.planning.recipe import Recipe
-from app.planning.refining.refinement import Refinement
+from app.planning.refining.refinement import (
+    WINDOW_ROLLOUTS,
+    WINDOW_SHARE,
+    WINDOWS,
+    Refinement,
+)
+from app.planning.refining.repair import overwrite_best_window
 from tests.planning.fakes import Fixed, every_method
 
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
@@ -24,8 +32,8 @@ def test_a_plan_takes_a_rollout_of_each_candidate_on_top_of_the_proposal() -> No
 def test_the_cost_of_a_learned_method_is_known_without_its_model() -> None:
     learned = ActionDiffusion(steps=50)
 
-    assert Recipe(learned, 16).cost() == Cost(100, 16)
-    assert Recipe(WarmStarted(CEM(iterations=5), learned), 16).cost() == Cost(100, 96)
+    assert Recipe(learned, 16).cost() == Cost(100, 16, 2)
+    assert Recipe(WarmStarted(CEM(iterations=5), learned), 16).cost() == Cost(100, 96, 2)
 
 
 @every_method
@@ -37,23 +45,59 @@ def test_an_unrefined_plan_takes_what_its_recipe_says(method: Method) -> None:
 
 @every_method
 @pytest.mark.parametrize("num_candidates", [1, 24])
+@pytest.mark.parametrize("objective", OBJECTIVES.values(), ids=OBJECTIVES)
 @pytest.mark.parametrize(
     ("refinement", "positions"),
-    # What a repair overwrites in vain, short of a target out of reach, is not in the bound.
     [(Refinement(), (0.4, -0.9, 0.05)), (Refinement(repair=False), (0.4, -0.9, 3.0))],
     ids=["with repair", "by descent alone"],
 )
-def test_a_refined_plan_takes_no_more_than_its_recipe_says(
-    method: Method, num_candidates: int, refinement: Refinement, positions: tuple[float, ...]
+def test_a_refined_plan_takes_no_more_than_is_estimated(
+    method: Method,
+    num_candidates: int,
+    objective: Objective,
+    refinement: Refinement,
+    positions: tuple[float, ...],
 ) -> None:
-    recipe = Recipe(method, num_candidates, refinement)
-    bound, unrefined = recipe.cost(), recipe.unrefined.cost()
+    recipe = Recipe(method, num_candidates, refinement, objective)
+    estimate, unrefined = recipe.cost(), recipe.unrefined.cost()
 
     for position in positions:
         problem = Problem(np.zeros(2), np.array([position, 0.0]))
         cost = plan(problem, recipe, np.random.default_rng(0)).cost
-        assert unrefined.rollouts < cost.rollouts <= bound.rollouts
-        assert cost.network_evaluations == bound.network_evaluations
+        assert unrefined.rollouts < cost.rollouts <= estimate.rollouts
+        assert cost.network_evaluations == estimate.network_evaluations
+
+
+@pytest.mark.parametrize("num_candidates", [1, 64])
+@pytest.mark.parametrize("target", [(3.0, 0.0), (0.9, -0.5), (-0.2, 1.0)])
+def test_where_nothing_arrives_it_takes_about_the_estimate(
+    num_candidates: int, target: tuple[float, float]
+) -> None:
+    recipe = Recipe(DatasetPrior(), num_candidates, Refinement())
+
+    made = plan(Problem(np.zeros(2), np.array(target)), recipe, np.random.default_rng(0))
+
+    # Counted are parts of rollouts as well, most of them over a third of the horizon.
+    assert made.terminal_error > 0.1
+    estimate = recipe.cost().rollouts
+    assert estimate < made.cost.rollouts < 1.5 * WINDOW_SHARE * estimate
+
+
+def test_the_rollouts_of_all_windows_go_over_a_third_of_their_horizons() -> None:
+    horizon = 64
+    tried = simulated = 0
+    for windows in WINDOWS:
+        stride = horizon // windows
+        for begin, end in combinations(range(0, horizon + 1, stride), 2):
+            assert begin < end
+            tried += 3
+            simulated += 3 * (horizon - end)
+        controls, task = np.zeros(horizon), Problem(np.zeros(2), np.ones(2), horizon=horizon).task
+        _, spent = overwrite_best_window(controls, task, stride)
+        assert spent == 3 * windows * (windows + 1) // 2 + 1
+
+    assert tried == WINDOW_ROLLOUTS
+    assert simulated == pytest.approx(tried * horizon / WINDOW_SHARE, rel=0.06)
 
 
 def test_without_refinement_a_recipe_is_otherwise_the_same() -> None:

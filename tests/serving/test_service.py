@@ -86,3 +86,24 @@ def test_how_long_an_answer_will_be_is_known_before(
     text = b"".join(json_parts(service.answer(resolved)))
 
     assert resolved.work.answer_bytes == pytest.approx(len(text), rel=0.3)
+
+
+@pytest.mark.parametrize(("guidance_scale", "rows"), [(0, 8), (1, 8), (0.5, 16), (2, 16)])
+@pytest.mark.parametrize("is_initial", [False, True])
+def test_as_many_rows_go_at_once_as_guidance_has_predictions_to_weigh(
+    service: PlanningService, guidance_scale: float, rows: int, is_initial: bool
+) -> None:
+    method = {"name": "action_diffusion", "steps": 5, "guidance_scale": guidance_scale}
+    fields = {"method": "cem", "initial": {"method": method}} if is_initial else {"method": method}
+    work = service.resolve(request(model="stiff", num_candidates=8, **fields)).work
+
+    assert work.rows_per_step == rows
+    assert work.rows_left == 5 * rows
+
+
+def test_plans_refined_for_another_objective_are_of_another_kind(service: PlanningService) -> None:
+    def kind(**fields: object) -> str:
+        return service.resolve(request(method="dataset_prior", **fields)).work.kind
+
+    assert kind() == kind(objective="control_energy") == "dataset_prior"
+    assert kind(refine=True) != kind(refine=True, objective="control_energy")

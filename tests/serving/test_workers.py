@@ -13,6 +13,7 @@ import pytest
 from app.inference.model import Model
 from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
+from app.launch import START_SECONDS
 from app.planning.stop import Stop
 from app.serving.admission import Admission, Work
 from app.serving.rates import Rates
@@ -71,7 +72,7 @@ class Service:
         self,
         work: Work,
         function: Callable[[float], T],
-        seconds: float = 60,
+        seconds: float = START_SECONDS,
         gone: Callable[[], Coroutine[Any, Any, None]] = never,
     ) -> T:
         work.deadline = perf_counter() + seconds
@@ -90,9 +91,9 @@ def gate() -> Iterator[threading.Event]:
 
 
 def test_a_plan_comes_back_with_the_time_that_it_waited() -> None:
-    service = Service(1)
+    service, began = Service(1), perf_counter()
     waited_ms = asyncio.run(service.run(compiled(), lambda waited_ms: waited_ms))
-    assert 0 <= waited_ms < 60_000
+    assert 0 <= waited_ms <= 1e3 * (perf_counter() - began)
     service.assert_idle()
 
 
@@ -100,7 +101,7 @@ def test_a_plan_comes_back_with_the_time_that_it_waited() -> None:
 def test_a_plan_ends_at_its_deadline(work: Callable[[], Work]) -> None:
     service, plan = Service(1), work()
     with pytest.raises(DeadlineExceeded):
-        asyncio.run(service.run(plan, until_stopped(plan.stop), seconds=0.05))
+        asyncio.run(service.run(plan, until_stopped(plan.stop), seconds=0.2))
     service.assert_idle()
 
 
@@ -124,7 +125,7 @@ def test_a_plan_that_fails_says_so_and_leaves() -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "gone", "reason"),
-    [(0.05, never, DeadlineExceeded), (60, soon, ClientGone)],
+    [(0.2, never, DeadlineExceeded), (START_SECONDS, soon, ClientGone)],
 )
 def test_who_waits_for_a_core_in_vain_is_never_begun_and_holds_nothing(
     gate: threading.Event, seconds: float, gone: Any, reason: type[Exception]
@@ -133,7 +134,7 @@ def test_who_waits_for_a_core_in_vain_is_never_begun_and_holds_nothing(
     begun: list[float] = []
 
     async def scenario() -> None:
-        first = asyncio.create_task(service.run(compiled(), lambda _: gate.wait(60)))
+        first = asyncio.create_task(service.run(compiled(), lambda _: gate.wait(START_SECONDS)))
         await asyncio.sleep(0.01)
         with pytest.raises(reason):
             await service.run(compiled(), begun.append, seconds, gone)
@@ -168,7 +169,9 @@ def test_compiled_plans_leave_a_core_to_the_network_while_it_has_work(
 
     async def scenario() -> None:
         assert await compute_together() == 3
-        sampling = asyncio.create_task(service.run(with_network(), lambda _: gate.wait(60)))
+        sampling = asyncio.create_task(
+            service.run(with_network(), lambda _: gate.wait(START_SECONDS))
+        )
         await asyncio.sleep(0.01)
         assert await compute_together() == 2
         gate.set()
@@ -194,7 +197,7 @@ def test_a_short_plan_waits_for_no_long_one(gate: threading.Event) -> None:
     service = Service(1)
 
     async def scenario() -> None:
-        first = asyncio.create_task(service.run(long_one(), lambda _: gate.wait(60)))
+        first = asyncio.create_task(service.run(long_one(), lambda _: gate.wait(START_SECONDS)))
         await asyncio.sleep(0.01)
         assert await service.run(compiled(), lambda _: "done") == "done"
         assert not first.done()
@@ -211,7 +214,7 @@ def test_plans_of_the_network_wait_for_no_core(gate: threading.Event) -> None:
     async def scenario() -> None:
         async with asyncio.TaskGroup() as group:
             for _ in range(20):
-                group.create_task(service.run(with_network(), lambda _: gate.wait(60)))
+                group.create_task(service.run(with_network(), lambda _: gate.wait(START_SECONDS)))
             await asyncio.sleep(0.05)
             assert len(service.admission) == 20
             gate.set()

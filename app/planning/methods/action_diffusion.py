@@ -70,7 +70,9 @@ class ActionDiffusion(Options):
         """Two predictions a step, or one where guidance has only one to weigh (s = 0 or 1)."""
         settings = self.settings
         predictions = 1 if settings.guidance_scale in (0.0, 1.0) else 2
-        return Cost(network_evaluations=settings.steps * predictions)
+        return Cost(
+            network_evaluations=settings.steps * predictions, predictions_per_step=predictions
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """Refinement: from the candidates of any method to plans that arrive, through the true dynamics.
 
 A wrapper around every method: it takes candidates and returns candidates. The descent of one of
-them is in gauss_newton.py, other motions in repair.py, energy and smoothness in null_space.py.
+them is in gauss_newton.py, other motions in repair.py, energy and smoothness in null_space.py,
+stuck steps in waiting.py.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from annotated_types import Ge, Le
 
 from app.compilation import compiled
 from app.planning.arrays import BoolArray, FloatArray, IntArray, copy_into
-from app.planning.objectives import TERMINAL_ERROR, TOLERANCE, Objective
+from app.planning.objectives import STUCK_STEPS, TERMINAL_ERROR, TOLERANCE, Objective
 from app.planning.options import Options
 from app.planning.plant.task import Task
 from app.planning.problem import Cost, Problem
@@ -22,6 +23,7 @@ from app.planning.reachable.trace import trace
 from app.planning.refining.gauss_newton import EXACT, arrive, terminal_error_of
 from app.planning.refining.null_space import descend
 from app.planning.refining.repair import overwrite_best_window, switching_sequences
+from app.planning.refining.waiting import WAITING_ROLLOUTS, wait_at_the_end
 from app.planning.stop import NEVER, Flag, Stop
 
 NUM_RESTARTS = 32
@@ -33,6 +35,12 @@ MAX_WINDOWS = 6
 """Windows overwritten of each size."""
 AT_THE_FLOOR = 1e-9
 """A plan this near to the floor, m and m/s, is as good as one can be."""
+WINDOW_ROLLOUTS = sum(3 * windows * (windows + 1) // 2 for windows in WINDOWS)
+"""To try every window of each size once: three controls from every begin to every end."""
+WINDOW_SHARE = 3
+"""Such a rollout goes from the end of its window: over a third of the horizon, on the average."""
+PROGRAM_ROLLOUTS = 8
+"""To follow a quadratic program of null_space.py, about: its steps are brought back to arrive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +54,21 @@ class Refinement(Options):
     repair: bool = True
     """Where no candidate arrives by descent alone, try other motions: see `refine`."""
 
-    def cost(self, num_candidates: int) -> Cost:
-        """Return about what `refine` takes at most; what it took is known only afterwards.
+    def cost(self, num_candidates: int, objective: Objective = TERMINAL_ERROR) -> Cost:
+        """Return an estimate of what `refine` takes where no candidate arrives, in whole rollouts.
 
-        Windows that a repair overwrites without arriving come on top: tens of thousands of
-        rollouts, but of a part of the horizon each, and some milliseconds in all.
+        Where one arrives it takes a small part of that; what it took is known only afterwards
+        (`Refined.rollouts`, where a rollout of a part of the horizon counts as one).
         """
-        return Cost(rollouts=2 * self.iterations * (num_candidates + NUM_RESTARTS))
+        num_refined = min(self.num_refined or num_candidates, num_candidates)
+        rollouts = num_candidates + self.iterations * num_refined
+        if self.repair:
+            rollouts += self.iterations * NUM_RESTARTS + WINDOW_ROLLOUTS // WINDOW_SHARE
+        if objective.sum_of_squares:
+            rollouts += PROGRAM_ROLLOUTS * self.iterations * num_refined
+        elif objective is STUCK_STEPS:
+            rollouts += WAITING_ROLLOUTS * num_candidates
+        return Cost(rollouts=rollouts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +112,9 @@ def refine(
 
     With an objective that is a sum of squares the candidates that arrive equally well then descend
     it without leaving their terminal states (null_space.py), so that each is locally the least of
-    its kind. The stuck steps are a count and have no slope: that objective only asks for every
-    candidate to arrive. `best_candidate` says which candidate is best.
+    its kind. The stuck steps are a count and have no slope: for them the candidates that arrive
+    equally well do so at once and wait afterwards, where the target is at rest (waiting.py).
+    `best_candidate` says which candidate is best.
 
     Args:
         problem: start, target, plant and horizon H.
@@ -128,11 +145,15 @@ def refine(
             error, spent = arrive(traced, task, iterations, stop.flag)
             _take_over(refined, scores, chosen, traced, error)
             rollouts += spent
+    arrived = np.flatnonzero(scores.errors <= scores.errors.min() + TOLERANCE)
     if objective.sum_of_squares:
         differences = objective.sum_of_squares == "differences"
-        for i in np.flatnonzero(scores.errors <= scores.errors.min() + TOLERANCE):
+        for i in arrived:
             scores.errors[i], spent = descend(refined[i], task, differences, iterations, stop.flag)
             rollouts += spent
+    elif objective is STUCK_STEPS:
+        refined[arrived], scores.errors[arrived] = wait_at_the_end(problem, refined[arrived])
+        rollouts += WAITING_ROLLOUTS * len(arrived)
     stop.check()
     return Refined(refined, errors_before, scores.errors, scores.replaced, rollouts)
 

@@ -79,7 +79,7 @@ def evaluate(
     from app.serving.kernels import NETWORK, PLANNING, prepare
 
     if unknown := sorted(set(suites) - SUITES.keys()):
-        there_are = "\n".join(f"{name:22}{suite.purpose}" for name, suite in SUITES.items())
+        there_are = "\n".join(f"{name:22}{suite.__doc__}" for name, suite in SUITES.items())
         raise Failure(f"no suite {', '.join(unknown)}; there are\n{there_are}")
     chosen = [SUITES[name](seed, quick) for name in SUITES if name in (suites or SUITES)]
     try:

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from app.evaluation.case import Case
-from app.evaluation.cells import with_interval
 from app.evaluation.question import Entrant
 from app.evaluation.section import Claim
 from app.evaluation.statistics import Interval
@@ -31,7 +30,7 @@ class Lead(NamedTuple):
 
     def __str__(self) -> str:
         shown = (
-            f"{with_interval(difference, self.digits, '+')} m at {place}"
+            f"{difference.shown(self.digits, '+')} m at {place}"
             for place, difference in self.differences.items()
         )
         return f"Action Diffusion less {self.other}: {', '.join(shown)}."
@@ -39,8 +38,7 @@ class Lead(NamedTuple):
 
 def lead_over(other: Entrant, cases: Iterable[Case], measure: str) -> Lead:
     """Measure the lead of Action Diffusion's `cases` over `other`, paired by the tasks."""
-    differences = {case.place: case.less(case.with_entrant(other), measure) for case in cases}
-    return Lead(other.label, differences)
+    return Lead(other.label, {case.place: case.less(other, measure) for case in cases})
 
 
 def lower_claim(statement: str, *leads: Lead) -> Claim:

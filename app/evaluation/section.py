@@ -1,8 +1,10 @@
-"""What a suite's part of the report is made of: tables, pictures, and claims of the paper."""
+"""What a suite's part of the report is made of: text, tables, a picture, claims of the paper."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias, TypeVar
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 
@@ -10,19 +12,17 @@ from matplotlib.figure import Figure
 class Table:
     """A table of finished cells."""
 
-    name: str
-    """Of its LaTeX file."""
     caption: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
+    part: str = ""
+    """Follows the suite's name in that of its LaTeX file; the main table has none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure with its caption."""
+    """The suite's figure with its caption."""
 
-    name: str
-    """Of its files."""
     caption: str
     figure: Figure
 
@@ -36,12 +36,21 @@ class Claim:
     evidence: str
 
 
+Part: TypeAlias = str | Table | Picture | Claim
+Parts: TypeAlias = Iterator[Part]
+Kind = TypeVar("Kind", bound=Part)
+
+
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A suite's part of the report."""
+    """A suite's part of the report: at most one picture, and of all else any number."""
 
+    name: str
+    """Of the suite, and of its files."""
     title: str
-    introduction: str
-    tables: tuple[Table, ...] = ()
-    pictures: tuple[Picture, ...] = ()
-    claims: tuple[Claim, ...] = ()
+    parts: Sequence[Part]
+    data: pd.DataFrame
+
+    def all(self, kind: type[Kind]) -> list[Kind]:
+        """Return the parts of a kind, in their order."""
+        return [part for part in self.parts if isinstance(part, kind)]

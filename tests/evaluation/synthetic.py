@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-import pandas as pd
-
 from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
 from app.evaluation.section import Section, Table
@@ -41,15 +39,13 @@ def sequence_answer(
 
 def section_of(suite: Suite, answer: Callable[[Question], Answer]) -> Section:
     """The section that `suite` makes where each question has its `answer`."""
-    answered = [(question, answer(question)) for question in suite.questions()]
-    rows = [row for question, own in answered for row in suite.rows(question, own)]
-    return suite.section(pd.DataFrame(rows), answered)
+    return suite.section((question, answer(question)) for question in suite.questions())
 
 
 def split(section: Section) -> tuple[list[Table], list[Table]]:
     """The tables of results, and those of times."""
-    times = [table for table in section.tables if table.name.endswith("-time")]
-    return [table for table in section.tables if table not in times], times
+    times = [table for table in section.all(Table) if table.part == "time"]
+    return [table for table in section.all(Table) if table not in times], times
 
 
 def _answer(measures: dict[str, object], stuck_steps: int, compute_ms: float) -> Answer:

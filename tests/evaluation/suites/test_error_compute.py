@@ -9,7 +9,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import DIFFUSION, PAPER_DIFFUSION, REFINED_PRIOR
 from app.evaluation.question import Question
-from app.evaluation.section import Section
+from app.evaluation.section import Claim, Picture, Section, Table
 from app.evaluation.suites.error_compute import ITERATIONS, POINTS, ErrorCompute
 from app.evaluation.tasks import request_seed
 from app.wire.requests import PlanRequest
@@ -75,7 +75,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
 
 
 def test_a_row_for_each_point() -> None:
-    errors, times = section_as_in_the_paper().tables
+    errors, times = section_as_in_the_paper().all(Table)
     for table in (errors, times):
         assert len(table.rows) == len(POINTS)
         assert list(table.headings) == ["Method", "Iterations", "K = 16", "K = 32"]
@@ -91,7 +91,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_all_points_are_drawn_and_tiny_errors_as_a_micrometre() -> None:
-    (picture,) = section_as_in_the_paper().pictures
+    (picture,) = section_as_in_the_paper().all(Picture)
     assert [axes.get_title() for axes in picture.figure.axes] == ["K = 16", "K = 32"]
     for axes in picture.figure.axes:
         drawn = np.concatenate([np.asarray(line.get_xydata()) for line in axes.lines])
@@ -101,7 +101,7 @@ def test_all_points_are_drawn_and_tiny_errors_as_a_micrometre() -> None:
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    claims = section_as_in_the_paper().claims
+    claims = section_as_in_the_paper().all(Claim)
     assert [claim.confirmed for claim in claims] == [True] * 3
     assert claims[0].evidence == (
         "Action Diffusion (paper): 0.0105 m in 12.5 ms; CEM at its best, after 40 iterations: "
@@ -127,11 +127,11 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
 def test_a_claim_fails_where_the_points_lie_otherwise(
     number: int, changed: dict[tuple[str, int], Point]
 ) -> None:
-    assert not section(WORLD | changed).claims[number].confirmed
+    assert not section(WORLD | changed).all(Claim)[number].confirmed
 
 
 def test_cem_s_points_that_are_as_good_are_named() -> None:
-    claim = section(WORLD | {("CEM", LOW): (0.005, 10.0)}).claims[0]
+    claim = section(WORLD | {("CEM", LOW): (0.005, 10.0)}).all(Claim)[0]
     assert not claim.confirmed
     assert claim.evidence.endswith(
         "no worse: 20, 25, 30, 35, 40; neither slower nor worse: 20, 25, 30, 35, 40."
@@ -141,6 +141,6 @@ def test_cem_s_points_that_are_as_good_are_named() -> None:
 def test_any_other_method_may_dominate() -> None:
     slow = {(REFINED_PRIOR.label, k): (1e-16, 9e3) for k in SUITE.size.budgets}
     fast = {(DIFFUSION.label, k): (1e-4, 5.0) for k in SUITE.size.budgets}
-    claim = section(WORLD | slow | fast).claims[2]
+    claim = section(WORLD | slow | fast).all(Claim)[2]
     assert claim.confirmed
     assert f"{DIFFUSION.label} at K = 16; {DIFFUSION.label} at K = 32." in claim.evidence

@@ -10,7 +10,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import CEM, PAPER_DIFFUSION
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Section
+from app.evaluation.section import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_reference import COMPARED, MultistepReference
 from app.evaluation.tasks import request_seed
 from app.planning.plant.system import System
@@ -78,7 +78,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
 
 
 def test_a_row_for_each_method_and_k() -> None:
-    errors, times = section_as_in_the_paper().tables
+    errors, times = section_as_in_the_paper().all(Table)
     for table in (errors, times):
         assert len(table.rows) == len(COMPARED) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
@@ -95,7 +95,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_runs_and_their_mean_are_drawn_in_a_column_for_each_method() -> None:
-    (picture,) = section_as_in_the_paper().pictures
+    (picture,) = section_as_in_the_paper().all(Picture)
     panels = np.array(picture.figure.axes).reshape(4, len(COMPARED))
     assert [axes.get_title() for axes in panels[0]] == [entrant.label for entrant in COMPARED]
     for axes in panels.flat:
@@ -104,7 +104,7 @@ def test_runs_and_their_mean_are_drawn_in_a_column_for_each_method() -> None:
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    claims = section_as_in_the_paper().claims
+    claims = section_as_in_the_paper().all(Claim)
     assert [claim.confirmed for claim in claims] == [True] * 4
     assert f"{PAPER_DIFFUSION.label} 0.020 to 0.030 m, {CEM.label} 0.300 to 0.310 m" in (
         claims[0].evidence
@@ -125,4 +125,4 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
     ],
 )
 def test_a_claim_fails_where_the_runs_are_otherwise(number: int, changed: World) -> None:
-    assert not section(WORLD | changed).claims[number].confirmed
+    assert not section(WORLD | changed).all(Claim)[number].confirmed

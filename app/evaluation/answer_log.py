@@ -10,10 +10,9 @@ import json
 import lzma
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from pydantic import BaseModel
 
@@ -46,8 +45,7 @@ class Session(BaseModel):
     concurrency: int
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """What the service answered, and how long the client waited for it."""
 
     content: Mapping[str, Any]

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from app.evaluation.case import Case
 from app.evaluation.question import Entrant
-from app.evaluation.section import Claim
 from app.evaluation.statistics import Interval
+from app.evaluation.suite import Claim
 
 
 class Lead(NamedTuple):
@@ -41,12 +41,12 @@ def lead_over(other: Entrant, cases: Iterable[Case], measure: str) -> Lead:
     return Lead(other.label, {case.place: case.less(other, measure) for case in cases})
 
 
-def lower_claim(statement: str, *leads: Lead) -> Claim:
+def lower(statement: str, *leads: Lead) -> Claim:
     """Claim that Action Diffusion is lower than others, each paired interval below zero."""
     return Claim(statement, all(lead.certain for lead in leads), " ".join(map(str, leads)))
 
 
-def lowest_claim(
+def lowest(
     statement: str, entrant: Entrant, values: Mapping[str, Mapping[Entrant, float]], form: str
 ) -> Claim:
     """Claim that `entrant` has the lowest value of all, at every place.

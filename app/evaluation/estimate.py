@@ -1,8 +1,8 @@
 """How long an evaluation will take, from what the service needs for a few plans just now."""
 
-from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
+from typing import NamedTuple
 
 from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.ask import ask
@@ -13,8 +13,7 @@ PROBES = 5
 TASK = {"initial_state": (0.0, 0.0), "target_state": (0.4, 0.0)}
 
 
-@dataclass(frozen=True, slots=True)
-class Rates:
+class Rates(NamedTuple):
     """Seconds that a service needs, as a client sees them."""
 
     plan: float

@@ -9,8 +9,8 @@ import numpy as np
 from app.evaluation.case import SYMBOLS, Case
 from app.evaluation.entrants import PAPER_DIFFUSION
 from app.evaluation.question import Entrant
-from app.evaluation.section import Table
 from app.evaluation.statistics import interquartile_mean, interval, percent, share_won
+from app.evaluation.suite import Table
 
 Row = TypeVar("Row")
 

@@ -9,7 +9,7 @@ from markdown_it import MarkdownIt
 from tabulate import tabulate
 
 from app.evaluation.answer_log import Session
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 
 TITLE = "Breakaway: evaluation"
 PAGE = Template(Path(__file__).with_name("page.html").read_text())

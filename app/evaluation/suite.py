@@ -4,22 +4,65 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import ENTRANTS
 from app.evaluation.measures import measures
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Parts, Section
 from app.evaluation.tasks import Task, request_seed
 
 Row: TypeAlias = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Size:
+class Table(NamedTuple):
+    """A table of finished cells."""
+
+    caption: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    part: str = ""
+    """Follows the suite's name in that of its LaTeX file; the main table has none."""
+
+
+class Picture(NamedTuple):
+    """The suite's figure with its caption."""
+
+    caption: str
+    figure: Figure
+
+
+class Claim(NamedTuple):
+    """A statement of the paper, and what our numbers say to it."""
+
+    statement: str
+    confirmed: bool
+    evidence: str
+
+
+Part: TypeAlias = str | Table | Picture | Claim
+Parts: TypeAlias = Iterator[Part]
+Kind = TypeVar("Kind", bound=Part)
+
+
+class Section(NamedTuple):
+    """A suite's part of the report: at most one picture, and of all else any number."""
+
+    name: str
+    """Of the suite, and of its files."""
+    title: str
+    parts: Sequence[Part]
+    data: pd.DataFrame
+
+    def all(self, kind: type[Kind]) -> list[Kind]:
+        """Return the parts of a kind, in their order."""
+        return [part for part in self.parts if isinstance(part, kind)]
+
+
+class Size(NamedTuple):
     """How much a suite asks: every run of every task, of every entrant at every K."""
 
     budgets: tuple[int, ...]

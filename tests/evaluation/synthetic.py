@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
-from app.evaluation.section import Section, Table
-from app.evaluation.suite import Suite
+from app.evaluation.suite import Section, Suite, Table
 
 
 def plan_answer(

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from app.evaluation.report import write_report
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.figures.style import PAGE_INCHES, STYLE_FILE, new_figure
 from tests.evaluation.fakes import SHA256, session
 

@@ -24,8 +24,7 @@ from app.evaluation.answer_log import AnswerLog, EvaluationError
 from app.evaluation.entrants import DIFFUSION, UNIFORM
 from app.evaluation.question import Question
 from app.evaluation.run import evaluate
-from app.evaluation.section import Parts, Table
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Parts, Size, Suite, Table
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.multistep_reference import MultistepReference
 from app.evaluation.tasks import sequence_tasks

@@ -7,13 +7,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from app.evaluation import entrants, grid, plots
+from app.evaluation import claims, entrants, grid, plots
 from app.evaluation.case import Case
-from app.evaluation.claims import Lead
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Claim, Parts, Picture
 from app.evaluation.statistics import TIE
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Claim, Parts, Picture, Size, Suite
 from app.evaluation.tasks import one_task
 from app.figures.style import new_figure
 
@@ -179,7 +177,7 @@ def _draw(axes: Axes, points: Sequence[Case], label: str) -> list[tuple[float, f
 
 def _claims(low: Front, high: Front) -> Parts:
     leads = {front.place: front.learned.less(front.best, ERROR) for front in (low, high)}
-    lead = Lead("CEM at its best", leads, digits=4)
+    lead = claims.Lead("CEM at its best", leads, digits=4)
     yield Claim(
         f"For {low.place}, Action Diffusion achieves lower terminal error at a smaller compute "
         "budget than CEM.",

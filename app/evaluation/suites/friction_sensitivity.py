@@ -6,12 +6,10 @@ from itertools import product
 
 import pandas as pd
 
-from app.evaluation import entrants, grid, paper, plots
+from app.evaluation import claims, entrants, grid, paper, plots
 from app.evaluation.case import Case, cases_of
-from app.evaluation.claims import lead_over, lower_claim
 from app.evaluation.question import Question
-from app.evaluation.section import Parts, Picture
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Parts, Picture, Size, Suite
 from app.evaluation.tasks import sequence_tasks
 from app.figures.style import new_figure
 from app.planning.plant.system import System
@@ -68,10 +66,13 @@ class FrictionSensitivity(Suite):
         yield grid.times(cases, "a sequence of three plans")
         yield _picture(cases)
         learned = [case for case in cases if case.entrant == entrants.PAPER_DIFFUSION]
-        yield lower_claim(
+        yield claims.lower(
             "Action Diffusion has the lowest mean end error of the paper's three methods for all "
             "three f_s.",
-            *(lead_over(other, learned, ERROR) for other in (entrants.CEM, entrants.DATASET_PRIOR)),
+            *(
+                claims.lead_over(other, learned, ERROR)
+                for other in (entrants.CEM, entrants.DATASET_PRIOR)
+            ),
         )
 
 

@@ -10,8 +10,7 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.case import Case
 from app.evaluation.entrants import DATASET_PRIOR, DIFFUSION, UNIFORM
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Parts, Picture
-from app.evaluation.suite import Row, Size, Suite
+from app.evaluation.suite import Parts, Picture, Row, Size, Suite
 from app.evaluation.tasks import transition_tasks
 from app.figures.style import BLUE, GREEN, GREY, RED, Look, new_figure
 

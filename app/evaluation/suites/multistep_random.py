@@ -2,12 +2,10 @@
 
 import pandas as pd
 
-from app.evaluation import grid, paper, plots
+from app.evaluation import claims, grid, paper, plots
 from app.evaluation.case import Case, cases_of
-from app.evaluation.claims import lead_over, lower_claim, lowest_claim
 from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS, PAPER_DIFFUSION, PAPER_ENTRANTS
-from app.evaluation.section import Claim, Parts, Picture
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Claim, Parts, Picture, Size, Suite
 from app.evaluation.tasks import TARGETS_PER_SEQUENCE, sequence_tasks
 from app.figures.style import new_figure
 
@@ -86,7 +84,9 @@ def _picture(cases: list[Case]) -> Picture:
 
 
 def _claims(learned: list[Case]) -> Parts:
-    over_cem, over_prior = (lead_over(other, learned, ERROR) for other in (CEM, DATASET_PRIOR))
+    over_cem, over_prior = (
+        claims.lead_over(other, learned, ERROR) for other in (CEM, DATASET_PRIOR)
+    )
     low, *_, high = (case.place for case in learned)
     first, last = over_cem.differences[low], over_cem.differences[high]
     last_over_prior = over_prior.differences[high]
@@ -112,10 +112,10 @@ def _claims(learned: list[Case]) -> Parts:
         f"Less CEM: {last.shown(3, '+')} m; less the dataset prior: "
         f"{last_over_prior.shown(3, '+')} m.",
     )
-    yield lower_claim(
+    yield claims.lower(
         "The structured prior alone is not sufficient: conditioning it is what helps.", over_prior
     )
-    yield lowest_claim(
+    yield claims.lowest(
         "Action Diffusion has the fewest stuck steps of the paper's three methods at every K.",
         PAPER_DIFFUSION,
         {

@@ -7,14 +7,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from app.evaluation import grid
+from app.evaluation import claims, grid
 from app.evaluation.answer_log import Answer
 from app.evaluation.case import Case, cases_of
-from app.evaluation.claims import lowest_claim
 from app.evaluation.entrants import CEM, DATASET_PRIOR, PAPER_DIFFUSION, REFINED_DIFFUSION
 from app.evaluation.question import Question
-from app.evaluation.section import Claim, Parts, Picture
-from app.evaluation.suite import Row, Size, Suite
+from app.evaluation.suite import Claim, Parts, Picture, Row, Size, Suite
 from app.evaluation.tasks import one_task
 from app.figures.plan import draw_controls, draw_stiction_band
 from app.figures.style import BLACK, new_figure
@@ -148,7 +146,7 @@ def _claims(data: pd.DataFrame, low: int, high: int) -> Parts:
         f"{cem_at_high.mean():.3f} m at K = {high}, where it exceeds {DEVIATION:g} m in "
         f"{deviating} of {len(cem_at_high)} runs (several are at least {SEVERAL}).",
     )
-    yield lowest_claim(
+    yield claims.lowest(
         f"With K = {high}, Action Diffusion is more consistent across runs than CEM.",
         PAPER_DIFFUSION,
         {

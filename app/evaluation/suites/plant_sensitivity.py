@@ -12,8 +12,7 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.case import Case, cases_of
 from app.evaluation.entrants import ENTRANTS
 from app.evaluation.question import Question
-from app.evaluation.section import Parts, Picture
-from app.evaluation.suite import Row, Size, Suite
+from app.evaluation.suite import Parts, Picture, Row, Size, Suite
 from app.evaluation.tasks import transition_tasks
 from app.figures.style import new_figure
 from app.planning.arrays import FloatArray

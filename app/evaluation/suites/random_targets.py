@@ -8,8 +8,7 @@ import pandas as pd
 from app.evaluation import grid, plots
 from app.evaluation.case import Case, cases_of
 from app.evaluation.entrants import ENTRANTS
-from app.evaluation.section import Parts, Picture, Table
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Parts, Picture, Size, Suite, Table
 from app.evaluation.tasks import MAX_POSITION, MAX_VELOCITY, transition_tasks
 from app.figures.style import new_figure
 

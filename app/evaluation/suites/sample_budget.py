@@ -2,13 +2,11 @@
 
 import pandas as pd
 
-from app.evaluation import grid, plots
+from app.evaluation import claims, grid, plots
 from app.evaluation.case import Case, cases_of
-from app.evaluation.claims import Lead, lower_claim
 from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS, PAPER_DIFFUSION, UNIFORM
-from app.evaluation.section import Claim, Parts, Picture
 from app.evaluation.statistics import TIE, interval, percent
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Claim, Parts, Picture, Size, Suite
 from app.evaluation.tasks import one_task
 from app.figures.style import new_figure
 
@@ -83,9 +81,9 @@ def _claims(cases: list[Case]) -> Parts:
         + _errors(learned),
     )
     over_prior = {case.place: case.less(DATASET_PRIOR, ERROR) for case in learned}
-    yield lower_claim(
+    yield claims.lower(
         "The same prior without conditioning ends further from the target.",
-        Lead("the dataset prior", over_prior, digits=4),
+        claims.Lead("the dataset prior", over_prior, digits=4),
     )
     yield Claim(
         "Uniform random shooting remains largely ineffective across all values of K.",

@@ -14,8 +14,7 @@ from app.evaluation import grid, plots
 from app.evaluation.case import Case
 from app.evaluation.entrants import PAPER_DIFFUSION
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Parts, Picture
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Parts, Picture, Size, Suite
 from app.evaluation.tasks import sequence_tasks
 from app.figures.style import BLACK, BLUE, GREY, RED, Look, new_figure
 from app.planning.methods import ActionDiffusion

@@ -6,9 +6,8 @@ import pandas as pd
 from app.evaluation import grid
 from app.evaluation.case import Case
 from app.evaluation.entrants import PAPER_DIFFUSION
-from app.evaluation.section import Claim, Parts, Picture
 from app.evaluation.statistics import percent
-from app.evaluation.suite import Size, Suite
+from app.evaluation.suite import Claim, Parts, Picture, Size, Suite
 from app.evaluation.suites.sample_budget import TARGET
 from app.evaluation.tasks import one_task
 from app.figures.plan import draw_plan

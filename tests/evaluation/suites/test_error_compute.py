@@ -9,7 +9,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import DIFFUSION, PAPER_DIFFUSION, REFINED_PRIOR
 from app.evaluation.question import Question
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.error_compute import ITERATIONS, POINTS, ErrorCompute
 from app.evaluation.tasks import request_seed
 from app.wire.requests import PlanRequest

@@ -14,7 +14,7 @@ from app.evaluation.entrants import (
     REFINED_PRIOR,
 )
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.friction_sensitivity import FRICTIONS, FrictionSensitivity
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.tasks import request_seed, sequence_tasks

@@ -14,7 +14,7 @@ from app.evaluation.entrants import (
     UNIFORM,
 )
 from app.evaluation.question import Question
-from app.evaluation.section import Picture, Section, Table
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.learned_prior import (
     DESCENT,
     EXACT_GAP,

@@ -15,7 +15,7 @@ from app.evaluation.entrants import (
     PAPER_ENTRANTS,
 )
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.tasks import request_seed, sequence_tasks
 from app.planning.plant.system import System

@@ -10,7 +10,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import CEM, PAPER_DIFFUSION
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_reference import COMPARED, MultistepReference
 from app.evaluation.tasks import request_seed
 from app.planning.plant.system import System

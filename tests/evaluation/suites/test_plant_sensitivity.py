@@ -9,7 +9,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Picture, Section, Table
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.plant_sensitivity import (
     CHANGES,
     NOMINAL,

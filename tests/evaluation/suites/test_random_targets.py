@@ -9,7 +9,7 @@ from matplotlib.patches import StepPatch
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import DIFFUSION, ENTRANTS, PAPER_DIFFUSION, UNIFORM
 from app.evaluation.question import Question
-from app.evaluation.section import Picture, Section, Table
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.random_targets import RandomTargets
 from app.evaluation.tasks import request_seed, transition_tasks
 from app.wire.requests import PlanRequest

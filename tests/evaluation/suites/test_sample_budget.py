@@ -16,7 +16,7 @@ from app.evaluation.entrants import (
     UNIFORM,
 )
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.sample_budget import SampleBudget
 from app.evaluation.tasks import request_seed
 from app.wire.requests import PlanRequest

@@ -6,7 +6,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import PAPER_DIFFUSION
 from app.evaluation.question import Question
-from app.evaluation.section import Picture, Section, Table
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites import sampler_frontier
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.sampler_frontier import (

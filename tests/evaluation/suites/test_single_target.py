@@ -7,7 +7,7 @@ import pytest
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.single_target import SingleTarget
 from app.evaluation.tasks import request_seed
 from app.wire.answers import CandidatesReport

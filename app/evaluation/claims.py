@@ -18,11 +18,6 @@ class Lead(NamedTuple):
     digits: int = 3
 
     @property
-    def certain(self) -> bool:
-        """Whether the whole interval is below zero at every place."""
-        return all(difference.high < 0 for difference in self.differences.values())
-
-    @property
     def narrows(self) -> bool:
         """Whether it is smaller at the last place than at the first."""
         first, *_, last = self.differences.values()
@@ -43,7 +38,8 @@ def lead_over(other: Entrant, cases: Iterable[Case], measure: str) -> Lead:
 
 def lower(statement: str, *leads: Lead) -> Claim:
     """Claim that Action Diffusion is lower than others, each paired interval below zero."""
-    return Claim(statement, all(lead.certain for lead in leads), " ".join(map(str, leads)))
+    certain = all(below.high < 0 for lead in leads for below in lead.differences.values())
+    return Claim(statement, certain, " ".join(map(str, leads)))
 
 
 def lowest(

@@ -1,6 +1,6 @@
 """An evaluation from end to end: ask what is missing, then write the report."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -22,6 +22,8 @@ from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON
 from app.wire.about import ModelDescription
 
+Missing: TypeAlias = dict[str, tuple[Suite, Question]]
+"""What there is no answer to, and who asks first, by the question's key."""
 Connect: TypeAlias = Callable[[], AbstractAsyncContextManager[AsyncPlannerClient]]
 
 
@@ -52,13 +54,12 @@ async def evaluate(
     """
     with AnswerLog(directory) as log:
         questions = {suite: list(suite.questions()) for suite in suites}
-        # What two suites ask is asked once.
-        missing = {
-            question.key: (suite, question)
-            for suite, asked in questions.items()
-            for question in asked
-            if question not in log
-        }
+        # What two suites ask is asked once, for the first.
+        missing: Missing = {}
+        for suite, asked in questions.items():
+            for question in asked:
+                if question not in log:
+                    missing.setdefault(question.key, (suite, question))
         if missing:
             async with connect() as client:
                 await _complete(client, missing, log, concurrency, console)
@@ -77,7 +78,7 @@ async def evaluate(
 
 async def _complete(
     client: AsyncPlannerClient,
-    missing: Mapping[str, tuple[Suite, Question]],
+    missing: Missing,
     log: AnswerLog,
     concurrency: int,
     console: Console,

@@ -6,6 +6,7 @@ The tasks are the random multi-step ones; the paper's setting is what the others
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import product
+from typing import TypeAlias
 
 import pandas as pd
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -27,6 +28,7 @@ SETTINGS = (
     *(ActionDiffusion(sampler="dpm_solver", steps=n, guidance_scale=s)
       for n, s in ((1, 1), (2, 1), (4, 1), (2, 2), (3, 2), (4, 1.5), (4, 2), (6, 2), (10, 2))),
 )  # fmt: skip
+Cases: TypeAlias = dict[ActionDiffusion, Case]
 ERROR = "mean_end_error"
 MARGIN = 0.005
 """A setting is not inferior if its mean end error is, at 95 %, at most this much above (m)."""
@@ -54,6 +56,7 @@ class SamplerFrontier(Suite):
             yield from self.ask(entrant_of(setting), k, steps=steps, guidance_scale=scale)
 
     def report(self, data: pd.DataFrame) -> Parts:
+        cases = {setting: Case(data, entrant_of(setting), {}) for setting in SETTINGS}
         solver, steps, scale = ActionDiffusion().settings
         yield (
             f"Samplers of the learned model on the same {self.size.tasks} random multi-step "
@@ -71,10 +74,10 @@ class SamplerFrontier(Suite):
                 grid.Column("Steps", lambda setting: str(setting.settings.steps)),
                 grid.Column("s", lambda setting: f"{setting.settings.guidance_scale:g}"),
                 grid.Column("Evaluations", lambda setting: str(_evaluations(setting))),
-                *(_error_column(data, k) for k in self.size.budgets),
+                *(_error_column(cases, k) for k in self.size.budgets),
             ),
         )
-        yield _picture(data, self.size.budgets)
+        yield _picture(cases, self.size.budgets)
 
 
 def entrant_of(setting: ActionDiffusion) -> Entrant:
@@ -96,13 +99,9 @@ def _evaluations(setting: ActionDiffusion) -> int:
     return setting.cost(1).network_evaluations
 
 
-def _case(data: pd.DataFrame, setting: ActionDiffusion, k: int) -> Case:
-    return Case(data, entrant_of(setting), {"num_candidates": k})
-
-
-def _error_column(data: pd.DataFrame, k: int) -> grid.Column[ActionDiffusion]:
+def _error_column(cases: Cases, k: int) -> grid.Column[ActionDiffusion]:
     def error(setting: ActionDiffusion) -> str:
-        case = _case(data, setting, k)
+        case = cases[setting].at(num_candidates=k)
         mean = f"{case.per_unit(ERROR).mean():.3f}"
         if setting == PAPER:
             return mean
@@ -112,11 +111,11 @@ def _error_column(data: pd.DataFrame, k: int) -> grid.Column[ActionDiffusion]:
     return grid.Column(f"K = {k}", error)
 
 
-def _picture(data: pd.DataFrame, budgets: tuple[int, ...]) -> Picture:
+def _picture(cases: Cases, budgets: tuple[int, ...]) -> Picture:
     figure = new_figure(2.8)
     panels = figure.subplots(1, len(budgets), sharey=True)
     for axes, k in zip(panels, budgets, strict=True):
-        errors = {setting: _case(data, setting, k).mean(ERROR) for setting in SETTINGS}
+        errors = {each: case.at(num_candidates=k).mean(ERROR) for each, case in cases.items()}
         for scale, solver in product(GUIDANCE, SOLVERS):
             name, color = SOLVERS[solver]
             on_line = sorted(

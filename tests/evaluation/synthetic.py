@@ -1,10 +1,12 @@
 """Answers that no service gave, for suites to make their sections of."""
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
 from app.evaluation.suite import Section, Suite, Table
+from app.evaluation.tasks import Task, request_seed
 
 
 def plan_answer(
@@ -34,6 +36,23 @@ def sequence_answer(
         "segments": [{"control_energy": 1.0}] * 3,
     }
     return _answer(content, stuck_steps, compute_ms)
+
+
+def assert_asked_alike(suite: Suite, tasks: Sequence[Task], number: int) -> None:
+    """So many as are told apart are all asked for the same runs of `tasks`, with the same seeds."""
+    asked = defaultdict(list)
+    for question in suite.questions():
+        who = dict(question.labels)
+        task, run = int(who.pop("task")), int(who.pop("run"))
+        fields = {name: getattr(question.request, name) for name in tasks[task]}
+        asked[tuple(who.values())].append((task, run, fields, question.request.seed))
+    assert len(asked) == number
+    expected = [
+        (index, run, task, request_seed(suite.seed, index, run))
+        for index, task in enumerate(tasks)
+        for run in range(suite.size.runs)
+    ]
+    assert all(questions == expected for questions in asked.values())
 
 
 def section_of(suite: Suite, answer: Callable[[Question], Answer]) -> Section:

@@ -1,6 +1,5 @@
 """Table 3: the questions of Table 2 again where the plant is nominal, and what the claim needs."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 
 import pytest
@@ -17,10 +16,9 @@ from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.friction_sensitivity import FRICTIONS, FrictionSensitivity
 from app.evaluation.suites.multistep_random import MultistepRandom
-from app.evaluation.tasks import request_seed, sequence_tasks
+from app.evaluation.tasks import sequence_tasks
 from app.planning.plant.system import System
-from app.wire.requests import MultistepPlanRequest
-from tests.evaluation.synthetic import section_of, sequence_answer, split
+from tests.evaluation.synthetic import assert_asked_alike, section_of, sequence_answer, split
 
 WHOLE = FrictionSensitivity(seed=3)
 SUITE = FrictionSensitivity(seed=3, quick=True)
@@ -48,18 +46,8 @@ def section(errors: World = ERRORS, compute_ms: float = 1.0) -> Section:
 
 
 def test_everybody_gets_the_same_tasks_and_seeds_for_every_friction() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, MultistepPlanRequest)
-        labels = question.labels
-        asked[labels["entrant"], labels["static_friction"]].append(
-            (labels["task"], labels["run"], request.targets, request.seed)
-        )
-    assert len(asked) == len(SUITE.size.entrants) * len(FRICTIONS)
-    sequences = [task["targets"] for task in sequence_tasks(3, SUITE.seed)]
-    expected = [(task, 0, sequences[task], request_seed(SUITE.seed, task, 0)) for task in range(3)]
-    assert all(questions == expected for questions in asked.values())
+    tasks = sequence_tasks(3, SUITE.seed)
+    assert_asked_alike(SUITE, tasks, len(SUITE.size.entrants) * len(FRICTIONS))
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:

@@ -25,7 +25,8 @@ from app.evaluation.suites.learned_prior import (
     LearnedPrior,
 )
 from app.evaluation.suites.random_targets import RandomTargets
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from app.evaluation.tasks import transition_tasks
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = LearnedPrior(seed=3, quick=True)
 TASKS = SUITE.size.tasks
@@ -47,15 +48,7 @@ def section(compute_ms: float = 1.0) -> Section:
 
 
 def test_everybody_gets_the_same_tasks_and_seeds() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        labels, body = question.labels, question.body["request"]
-        asked[labels["refined_by"], labels["entrant"], labels["num_candidates"]].append(
-            [body[name] for name in ("initial_state", "target_state", "seed")]
-        )
-    first, *others = asked.values()
-    assert len(first) == TASKS
-    assert all(tasks == first for tasks in others)
+    assert_asked_alike(SUITE, transition_tasks(TASKS, SUITE.seed), 27)
 
 
 def test_the_uniform_and_larger_budgets_take_part_where_they_tell_something() -> None:

@@ -1,6 +1,5 @@
 """Table 2: everybody gets the same tasks and seeds, and the claims follow the numbers."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 
 import pytest
@@ -17,10 +16,9 @@ from app.evaluation.entrants import (
 from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_random import MultistepRandom
-from app.evaluation.tasks import request_seed, sequence_tasks
+from app.evaluation.tasks import sequence_tasks
 from app.planning.plant.system import System
-from app.wire.requests import MultistepPlanRequest
-from tests.evaluation.synthetic import section_of, sequence_answer, split
+from tests.evaluation.synthetic import assert_asked_alike, section_of, sequence_answer, split
 
 SUITE = MultistepRandom(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -57,22 +55,8 @@ def section(errors: World = ERRORS, stuck: World = STUCK, compute_ms: float = 1.
 
 
 def test_everybody_gets_the_same_tasks_and_seeds_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, MultistepPlanRequest)
-        labels = question.labels
-        asked[labels["entrant"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.targets, request.seed)
-        )
-    assert len(asked) == len(ENTRANTS) * len(SUITE.size.budgets)
-    sequences = [task["targets"] for task in sequence_tasks(3, SUITE.seed)]
-    expected = [
-        (task, run, (0.0, 0.0), sequences[task], request_seed(SUITE.seed, task, run))
-        for task in range(3)
-        for run in range(2)
-    ]
-    assert all(questions == expected for questions in asked.values())
+    tasks = sequence_tasks(3, SUITE.seed)
+    assert_asked_alike(SUITE, tasks, len(ENTRANTS) * len(SUITE.size.budgets))
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_one() -> None:

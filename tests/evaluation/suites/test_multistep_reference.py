@@ -1,6 +1,5 @@
 """Figure 4: everybody gets the same runs, which are drawn one by one, and claims on them."""
 
-from collections import defaultdict
 from dataclasses import asdict
 from functools import cache
 
@@ -12,10 +11,8 @@ from app.evaluation.entrants import CEM, PAPER_DIFFUSION
 from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_reference import COMPARED, MultistepReference
-from app.evaluation.tasks import request_seed
 from app.planning.plant.system import System
-from app.wire.requests import MultistepPlanRequest
-from tests.evaluation.synthetic import section_of, sequence_answer, split
+from tests.evaluation.synthetic import assert_asked_alike, section_of, sequence_answer, split
 
 SUITE = MultistepReference(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -56,20 +53,10 @@ def section_as_in_the_paper() -> Section:
 
 
 def test_everybody_gets_the_same_runs_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, MultistepPlanRequest)
-        assert question.trajectories
-        assert request.include == ["states"]
-        labels = question.labels
-        asked[labels["entrant"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.targets, request.seed)
-        )
-    assert len(asked) == len(COMPARED) * len(SUITE.size.budgets)
     targets = [(0.4, 0.0), (-0.4, 0.0), (0.2, 0.0)]
-    expected = [(0, run, (0.0, 0.0), targets, request_seed(3, 0, run)) for run in range(2)]
-    assert all(questions == expected for questions in asked.values())
+    task = {"initial_state": (0.0, 0.0), "targets": targets, "include": ["states"]}
+    assert_asked_alike(SUITE, [task], len(COMPARED) * len(SUITE.size.budgets))
+    assert all(question.trajectories for question in SUITE.questions())
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:

@@ -1,7 +1,5 @@
 """Plans on other plants than theirs: the executed errors are those of the physics."""
 
-from collections import defaultdict
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -26,6 +24,7 @@ from app.planning.problem import Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 from app.wire.requests import PlanRequest
+from tests.evaluation.synthetic import assert_asked_alike
 
 SUITE = PlantSensitivity(seed=3, quick=True)
 DT = NOMINAL.time_step
@@ -62,23 +61,11 @@ def section(errors: dict[tuple[Entrant, Plant], float]) -> Section:
 
 
 def test_everybody_gets_the_first_random_transitions_with_the_same_seeds() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        assert question.trajectories
-        assert request.include == []
-        assert request.system is None
-        asked[question.labels["entrant"]].append(
-            (question.labels["task"], request.initial_state, request.target_state, request.seed)
-        )
-    elsewhere = [
-        (question.labels["task"], request.initial_state, request.target_state, request.seed)
-        for question in RandomTargets(seed=3, quick=True).questions()
-        if isinstance(request := question.request, PlanRequest)
-    ]
-    assert len(asked) == len(ENTRANTS)
-    assert all(questions == elsewhere[: SUITE.size.tasks] for questions in asked.values())
+    elsewhere = RandomTargets(seed=3, quick=True)
+    tasks = elsewhere.draw_tasks(elsewhere.size.tasks, elsewhere.seed)[: SUITE.size.tasks]
+    nominal = [{**task, "include": [], "system": None} for task in tasks]
+    assert_asked_alike(SUITE, nominal, len(ENTRANTS))
+    assert all(question.trajectories for question in SUITE.questions())
 
 
 def test_two_hundred_tasks_at_k_32() -> None:

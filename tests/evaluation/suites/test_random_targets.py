@@ -1,7 +1,5 @@
 """Random targets: the same ones for everybody, and those out of reach apart."""
 
-from collections import defaultdict
-
 import numpy as np
 import pytest
 from matplotlib.patches import StepPatch
@@ -11,9 +9,8 @@ from app.evaluation.entrants import DIFFUSION, ENTRANTS, PAPER_DIFFUSION, UNIFOR
 from app.evaluation.question import Question
 from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.random_targets import RandomTargets
-from app.evaluation.tasks import request_seed, transition_tasks
-from app.wire.requests import PlanRequest
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from app.evaluation.tasks import transition_tasks
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = RandomTargets(seed=3, quick=True)
 TASKS = 12
@@ -41,20 +38,9 @@ def cells(table: Table, method: str) -> dict[str, str]:
 
 
 def test_everybody_gets_the_same_tasks_and_seeds_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in RandomTargets(seed=3).questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        assert not question.trajectories
-        asked[question.labels["entrant"], request.num_candidates].append(
-            (question.labels["task"], request.initial_state, request.target_state, request.seed)
-        )
-    assert len(asked) == len(ENTRANTS) * 2
-    expected = [
-        (number, task["initial_state"], task["target_state"], request_seed(3, number, 0))
-        for number, task in enumerate(transition_tasks(500, 3))
-    ]
-    assert all(questions == expected for questions in asked.values())
+    whole = RandomTargets(seed=3)
+    assert_asked_alike(whole, transition_tasks(500, 3), 2 * len(ENTRANTS))
+    assert not any(question.trajectories for question in whole.questions())
 
 
 def test_the_quick_evaluation_asks_some_of_the_questions_of_the_whole() -> None:

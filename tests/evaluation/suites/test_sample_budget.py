@@ -1,6 +1,5 @@
 """Figure 2: everybody gets the same runs, and the claims follow the numbers."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 from functools import cache
 
@@ -18,9 +17,7 @@ from app.evaluation.entrants import (
 from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.sample_budget import SampleBudget
-from app.evaluation.tasks import request_seed
-from app.wire.requests import PlanRequest
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = SampleBudget(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -62,19 +59,8 @@ def section_as_in_the_paper() -> Section:
 
 
 def test_everybody_gets_the_same_runs_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        assert request.include == []
-        labels = question.labels
-        asked[labels["entrant"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.target_state,
-             request.seed)
-        )  # fmt: skip
-    assert len(asked) == len(ENTRANTS) * len(SUITE.size.budgets)
-    expected = [(0, run, (0.0, 0.0), (0.2, 0.0), request_seed(3, 0, run)) for run in range(3)]
-    assert all(questions == expected for questions in asked.values())
+    task = {"initial_state": (0.0, 0.0), "target_state": (0.2, 0.0), "include": []}
+    assert_asked_alike(SUITE, [task], len(ENTRANTS) * len(SUITE.size.budgets))
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_one() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.evaluation.case import Case
 from app.evaluation.question import Entrant
 from app.evaluation.statistics import Interval, interval
+from app.evaluation.suite import Picture
 
 Bars: TypeAlias = Callable[[NDArray[np.float64]], Interval]
 """Mean, lower and upper end of a bar from a value for each task or run, (units,)."""
@@ -97,9 +98,11 @@ def draw_over_budget(
         axes.set_ylim(bottom=0)
 
 
-def draw_legend(
-    figure: Figure, place: Literal["outside upper center", "outside right upper"], columns: int = 1
-) -> None:
-    """Name the lines of the figure's first panel in a legend outside of all panels."""
+def with_legend(figure: Figure, caption: str, columns: int = 1) -> Picture:
+    """Name the lines of the first panel in a column beside all panels, or in more above them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc=place, ncols=columns)
+    if columns == 1:
+        figure.legend(handles, labels, loc="outside right upper")
+    else:
+        figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    return Picture(caption, figure)

@@ -144,12 +144,12 @@ def _picture(fronts: list[Front]) -> Picture:
             _draw(axes, [point], point.entrant.label)
         axes.set(title=front.place, xscale="log", yscale="log", xlabel="compute time (ms)")
     panels[0].set_ylabel("terminal error (m)")
-    plots.draw_legend(figure, "outside upper center", columns=3)
-    return Picture(
+    return plots.with_legend(
+        figure,
         "Terminal error against the service's compute time: means over the runs, with a standard "
         "deviation in each direction (but not below the least run); numbers are CEM's iterations. "
         "Errors below a micrometre are drawn as that. Lower and further left is better.",
-        figure,
+        columns=3,
     )
 
 

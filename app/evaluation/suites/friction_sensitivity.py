@@ -93,10 +93,9 @@ def _picture(cases: list[Case]) -> Picture:
     axes.set(xlabel="static friction $f_s$ (m/s²)", ylabel="mean end error (m)", xticks=FRICTIONS)
     axes.set_yscale("symlog", linthresh=LINEAR_BELOW)
     axes.set_ylim(-LINEAR_BELOW / 10, 1)
-    plots.draw_legend(figure, "outside right upper")
-    return Picture(
+    return plots.with_legend(
+        figure,
         "Mean end error for three static frictions: means over the sequences and runs, with 95 % "
         "intervals; the methods stand side by side about each value. The axis is linear below a "
         "centimetre.",
-        figure,
     )

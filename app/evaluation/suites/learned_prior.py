@@ -127,9 +127,9 @@ def _picture(learned: list[Case]) -> Picture:
         plots.draw_lines(axes, bought, range(len(BUDGETS)), WIDTH)
         axes.set_xticks(range(len(BUDGETS)), labels=[str(k) for k in BUDGETS])
         axes.set(xlabel="candidates K", ylabel=label)
-    plots.draw_legend(figure, "outside upper center", columns=len(WAYS))
-    return Picture(
+    return plots.with_legend(
+        figure,
         f"{DIFFUSION.label} less {DATASET_PRIOR.label} (Δ) at the same K, by what both are refined "
         "by: means of the paired differences, with 95 % intervals.",
-        figure,
+        columns=len(WAYS),
     )

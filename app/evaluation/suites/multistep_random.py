@@ -76,10 +76,9 @@ def _picture(cases: list[Case]) -> Picture:
     errors, stuck = figure.subplots(1, 2)
     plots.draw_over_budget(errors, cases, ERROR, "mean end error (m)", "log")
     plots.draw_over_budget(stuck, cases, "stuck_steps", "stuck steps")
-    plots.draw_legend(figure, "outside right upper")
-    return Picture(
-        "Random multi-step references: means over the sequences and runs, with 95 % intervals.",
+    return plots.with_legend(
         figure,
+        "Random multi-step references: means over the sequences and runs, with 95 % intervals.",
     )
 
 

@@ -187,9 +187,8 @@ def _picture(around_nominal: dict[str, pd.DataFrame]) -> Picture:
         axes.set_xlabel("change of the plant (%)")
     for axes in panels[:, 0]:
         axes.set_ylabel("mean executed error (m)")
-    plots.draw_legend(figure, "outside right upper")
-    return Picture(
+    return plots.with_legend(
+        figure,
         "Nominal plans on a plant that differs in one parameter: mean executed error with 95 % "
         "intervals over the tasks; the methods stand side by side about each change.",
-        figure,
     )

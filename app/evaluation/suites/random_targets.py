@@ -90,10 +90,9 @@ class RandomTargets(Suite):
                 ylim=(0, 1.02),
             )
         panels[0].set_ylabel("share of tasks within e")
-        plots.draw_legend(figure, "outside right upper")
-        return Picture(
+        return plots.with_legend(
+            figure,
             "Random targets: share of the tasks whose gap to the floor is at most e. What a line "
             "has at the left edge is the share of plans within a micrometre of the floor; what it "
             "lacks at the right edge, of those more than a metre away.",
-            figure,
         )

@@ -61,11 +61,11 @@ def _picture(cases: list[Case]) -> Picture:
     plots.draw_over_budget(errors, cases, ERROR, "terminal error (m)", "log", plots.spread)
     plots.draw_over_budget(energies, cases, ENERGY, "control energy (m²/s⁴)", bars=plots.spread)
     plots.draw_over_budget(stuck, cases, "stuck_steps", "stuck steps", bars=plots.spread)
-    plots.draw_legend(figure, "outside upper center", columns=5)
-    return Picture(
+    return plots.with_legend(
+        figure,
         f"From rest to {TARGET[0]:g} m: means over the runs, with a standard deviation to either "
         "side (but not below the least run). Errors below a micrometre are drawn as that.",
-        figure,
+        columns=5,
     )
 
 

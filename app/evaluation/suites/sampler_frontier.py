@@ -135,9 +135,9 @@ def _picture(cases: Cases, budgets: tuple[int, ...]) -> Picture:
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
     panels[0].set_ylabel("mean end error (m)")
-    plots.draw_legend(figure, "outside upper center", columns=4)
-    return Picture(
+    return plots.with_legend(
+        figure,
         "Mean end error over the sequences against the network evaluations of a plan; s is the "
         "guidance scale, the grey line the error of the paper's setting.",
-        figure,
+        columns=4,
     )

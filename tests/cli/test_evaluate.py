@@ -27,7 +27,9 @@ def test_an_unknown_suite_is_named_with_those_that_there_are() -> None:
     assert done.exit_code == 1
     assert "no suite annealing" in done.stderr
     for name, suite in SUITES.items():
-        assert f"{name:22}{suite.purpose}\n" in done.stderr
+        assert suite.__doc__ is not None
+        assert "\n" not in suite.__doc__
+        assert f"{name:22}{suite.__doc__}\n" in done.stderr
 
 
 def test_a_missing_store_ends_it_at_once(tmp_path: Path) -> None:

@@ -12,13 +12,15 @@ from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
-from app.api.documentation import document_middleware
+from app.api.documentation import add_pages, document_middleware
 from app.api.errors import install_error_handlers
 from app.api.keys import ApiKeys, read_keys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
+from app.api.request_target import RequestTarget
 from app.api.routes import admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
+from app.api.unsupported import Unsupported
 from app.inference.engine import Tick
 from app.inference.shares import Share, half_least_half_urgent
 from app.serving.runtime import Runtime
@@ -57,13 +59,16 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
         summary="Open-loop control through dry friction and stiction.",
         version=version("breakaway"),
         lifespan=lifespan,
+        docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # to an address that only a proxy's client could know
         middleware=_middleware(settings, metrics, keys),
     )
     install_error_handlers(app)
     app.include_router(router)
     if settings.admin:
         app.include_router(admin_router)
+    add_pages(app)
     document_middleware(app, settings.public_paths if keys else None)
     return app
 
@@ -71,8 +76,10 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
 def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list[Middleware]:
     """Return what each request passes on its way to the routes, from the outside in."""
     passed = [
+        Middleware(RequestTarget, root_path=settings.root_path),
         Middleware(CorrelationIdMiddleware, validator=is_request_id),
         Middleware(Telemetry, metrics=metrics),
+        Middleware(Unsupported),
     ]
     if settings.cors_origins:  # outside the keys: a browser's preflight brings none
         passed.append(

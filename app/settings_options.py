@@ -1,15 +1,18 @@
-"""The settings as options of a command: one for each field, checked by `Settings` itself.
+"""The settings from options of a command and from the environment, checked by `Settings` itself.
 
-An option overrides its environment variable. Pydantic is imported only by a command that runs or
-shows its help.
+There is an option for each field; it overrides the field's variable. Pydantic is imported only by
+a command that runs or shows its help.
 """
 
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
+from app.environment import PREFIX, own_variables
 from app.failure import Failure
 
 if TYPE_CHECKING:
@@ -17,6 +20,8 @@ if TYPE_CHECKING:
 
     from app.settings import Settings
 
+CLIENT_VARIABLES = ("api_key",)
+"""What a client has in the environment; a server takes it for a mistyped BREAKAWAY_API_KEYS."""
 METAVARS = {int: "INTEGER", float: "NUMBER", Path: "PATH"}
 
 
@@ -33,31 +38,55 @@ class SettingsCommand(click.Command):
         return [*self._options, *super().get_params(ctx)]
 
     def invoke(self, ctx: click.Context) -> Any:
+        from app.settings import Settings
+
         given = {name: value for name, value in ctx.params.items() if value is not None}
-        ctx.params = {"settings": read_settings(given)}
+        ctx.params = {"settings": _read(Settings.model_fields, given, ())}
         return super().invoke(ctx)
 
 
-def read_settings(options: dict[str, Any] | None = None) -> "Settings":
-    """Read the settings from the environment, and from options that were given.
+def read_settings(names: Collection[str]) -> "Settings":
+    """Read from the environment what a command without a server needs; the rest is the default.
 
     Raises:
-        Failure: a value is not valid; it names the options and variables at fault.
+        Failure: a value is not valid, or a variable is no setting's; it names those at fault.
+    """
+    return _read(names, {}, CLIENT_VARIABLES)
+
+
+def _read(
+    names: Collection[str], options: Mapping[str, Any], no_settings: Collection[str]
+) -> "Settings":
+    """Read settings from options, or else from the environment.
+
+    Args:
+        names: of the settings to read.
+        options: those that were given, by name.
+        no_settings: variables that the environment may have beside those of settings.
     """
     from pydantic import ValidationError
 
     from app.settings import Settings
 
-    options = options or {}
+    variables = own_variables()
+    known = [*Settings.model_fields, *no_settings]
+    lines = [_unknown(name, known) for name in variables if name not in known]
+    wanted = {name: variables[name] for name in names if name in variables}
     try:
-        return Settings(**options)
+        settings = Settings.model_validate({**wanted, **options})
     except ValidationError as error:
-        lines = []
         for item in error.errors():
             name = str(item["loc"][0])
-            source = _flag(name) if name in options else f"BREAKAWAY_{name.upper()}"
-            lines.append(f"{source}: {item['msg']}")
-        raise Failure("\n".join(lines)) from None
+            lines.append(f"{_flag(name) if name in options else _variable(name)}: {item['msg']}")
+    if lines:
+        raise Failure("\n".join(lines))
+    return settings
+
+
+def _unknown(name: str, known: Collection[str]) -> str:
+    similar = get_close_matches(name, known, n=1)
+    hint = f"; did you mean {_variable(similar[0])}?" if similar else ""
+    return f"{_variable(name)}: there is no such setting{hint}"
 
 
 def _option(name: str, field: "FieldInfo") -> click.Option:
@@ -94,6 +123,10 @@ def _metavar(kind: Any) -> str:
         return "TEXT,..."
     kinds = (kind, *get_args(kind))
     return next((name for known, name in METAVARS.items() if known in kinds), "TEXT")
+
+
+def _variable(name: str) -> str:
+    return PREFIX + name.upper()
 
 
 def _flag(name: str) -> str:

@@ -31,7 +31,8 @@ def client_of(url: str) -> httpx.Client:
 @contextmanager
 def running(app: ASGIApp, port: int = 0, settings: Settings | None = None) -> Iterator[str]:
     """Run `app` on a port, a free one by default; yield its URL."""
-    with socket.socket() as listener:
+    # With the protocol named, asyncio sends at once and does not wait for the client (Nagle).
+    with socket.socket(proto=socket.IPPROTO_TCP) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(("127.0.0.1", port))
         server = Server(app, settings or Settings())

@@ -6,8 +6,10 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from app.settings import SHIPPED_MODELS, Settings
-from app.settings_options import SettingsCommand
+from app.failure import Failure
+from app.settings import PLAN_SETTINGS, SHIPPED_MODELS, Settings
+from app.settings_options import SettingsCommand, read_settings
+from tests.test_environment import INJECTED
 
 A, B = "https://a.example", "http://b.example:3000"
 
@@ -85,6 +87,46 @@ def test_every_bad_value_is_named_by_where_it_came_from() -> None:
         f"--cors-origins: String should match pattern '{pattern}'",
         "BREAKAWAY_MAX_PENDING: Input should be greater than 0",
     ]
+
+
+def test_an_injected_port_is_none_of_ours() -> None:
+    assert read(**INJECTED).port == 8000
+    assert read("--port", "9001", **INJECTED).port == 9001
+    assert read(**INJECTED | {"BREAKAWAY_PORT": "9000"}).port == 9000
+
+
+def test_a_mistyped_variable_is_said_with_what_may_be_meant() -> None:
+    mistyped = {"BREAKAWAY_API_KEYES": "x", "BREAKAWAY_API_KEY": "x", "BREAKAWAY_FOO": "x"}
+    done, kept = invoke(**mistyped, BREAKAWAY_MAX_PENDING="0")
+    assert done.exit_code == 1
+    assert kept == []
+    assert sorted(done.stderr.splitlines()) == [
+        "BREAKAWAY_API_KEY: there is no such setting; did you mean BREAKAWAY_API_KEYS?",
+        "BREAKAWAY_API_KEYES: there is no such setting; did you mean BREAKAWAY_API_KEYS?",
+        "BREAKAWAY_FOO: there is no such setting",
+        "BREAKAWAY_MAX_PENDING: Input should be greater than 0",
+    ]
+
+
+def test_a_command_reads_only_what_it_needs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, value in (INJECTED | {"BREAKAWAY_MAX_PENDING": "none"}).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("BREAKAWAY_LOG_LEVEL", "loud")
+    monkeypatch.setenv("BREAKAWAY_API_KEY", "a client's")
+    monkeypatch.setenv("BREAKAWAY_MODEL_STORE", str(tmp_path))
+    monkeypatch.setenv("BREAKAWAY_MAX_CANDIDATES", "8")
+    assert read_settings(["model_store"]) == Settings(model_store=tmp_path)
+    assert read_settings(PLAN_SETTINGS) == Settings(model_store=tmp_path, max_candidates=8)
+    monkeypatch.setenv("BREAKAWAY_MAX_CANDIDATES", "0")
+    with pytest.raises(
+        Failure, match=r"^BREAKAWAY_MAX_CANDIDATES: Input should be greater than 0$"
+    ):
+        read_settings(PLAN_SETTINGS)
+    monkeypatch.setenv("BREAKAWAY_MODLE_STORE", "x")
+    with pytest.raises(Failure, match=r"^BREAKAWAY_MODLE_STORE: .*BREAKAWAY_MODEL_STORE"):
+        read_settings(["model_store"])
 
 
 def test_keys_are_not_shown_in_the_help() -> None:

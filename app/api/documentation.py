@@ -1,9 +1,14 @@
-"""OpenAPI for what FastAPI does not see: the problem's schema, and what the middleware answers."""
+"""The pages for readers, and OpenAPI for what FastAPI does not see.
+
+That is the problem's schema, and what the middleware answers.
+"""
 
 from collections.abc import Collection
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
+from fastapi.openapi.docs import get_swagger_ui_html
+from fastapi.responses import HTMLResponse
 
 from app.api.errors import MEDIA_TYPE
 from app.api.keys import is_public
@@ -11,6 +16,29 @@ from app.wire.problems import ProblemDetails
 
 SCHEMAS = "#/components/schemas/"
 SECURITY_SCHEME = "API key"
+
+
+def add_pages(app: FastAPI) -> None:
+    """Add `/docs`, which a browser gets at `/`, too.
+
+    Its addresses lie below the root path; where there is none they are relative, and hold behind a
+    proxy that offers the service under a path of its own.
+    """
+
+    async def page(request: Request) -> HTMLResponse:
+        root_path = request.scope["root_path"]
+        base = f"{root_path}/" if root_path else ""
+        assets = f"{base}static-offline-docs"
+        return get_swagger_ui_html(
+            openapi_url=f"{base}openapi.json",
+            title=app.title,
+            swagger_js_url=f"{assets}/swagger-ui-bundle.js",
+            swagger_css_url=f"{assets}/swagger-ui.css",
+            swagger_favicon_url=f"{assets}/favicon.png",
+        )
+
+    for path in ("/", "/docs"):
+        app.add_api_route(path, page, include_in_schema=False)
 
 
 def document_middleware(app: FastAPI, private_except: Collection[str] | None) -> None:

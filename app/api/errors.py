@@ -1,5 +1,6 @@
 """Errors as RFC 9457 problem+json: what can go wrong, and how each is told to the client."""
 
+from collections.abc import Mapping
 from http import HTTPStatus
 from typing import NamedTuple
 
@@ -8,7 +9,10 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
+from app.api.body import AS_IT_IS, JSON, UnsupportedContentEncoding, UnsupportedContentType
+from app.api.middleware import BodyTooLarge, BodyTooSlow
 from app.inference.model_store import UnfitModel, UnknownModel
 from app.planning.methods.base import InvalidStepCount
 from app.planning.problem import PlanningError
@@ -21,7 +25,13 @@ from app.serving.refusals import (
     ShuttingDown,
 )
 from app.wire.field_errors import field_errors
+from app.wire.json_text import InvalidParts, NestedTooDeeply, NotJson, NotUtf8
 from app.wire.problems import FieldError, ProblemDetails
+
+
+class MalformedHttp(HTTPException):
+    """What a connection brought is not HTTP as we know it."""
+
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"
@@ -67,17 +77,33 @@ class Answer(NamedTuple):
     title: str | None = None
     rejected: str | None = None
     """Why there is no plan, for log and metrics."""
+    headers: Mapping[str, str] = {}
+    """What the client does better next time, or when."""
 
 
+NOT_READY = Answer(
+    503, "not-ready", rejected="not_ready", headers={"Retry-After": RETRY_AFTER_SECONDS}
+)
+# Told to nobody; the status, which others use for it too, is for log and metrics.
+CLIENT_GONE = Answer(499, title="Client gone", rejected="client_gone")
 ANSWERS: dict[type[Exception], Answer] = {
+    NotJson: Answer(400, "not-json", "Not JSON"),
+    NotUtf8: Answer(400, "not-utf-8", "Not UTF-8"),
+    NestedTooDeeply: Answer(400, "nested-too-deeply", "Nested too deeply"),
+    BodyTooSlow: Answer(408, "body-too-slow", headers={"Connection": "close"}),
+    BodyTooLarge: Answer(413, "body-too-large"),
+    UnsupportedContentType: Answer(415, "unsupported-content-type", headers={"Accept": JSON}),
+    UnsupportedContentEncoding: Answer(
+        415, "unsupported-content-encoding", headers={"Accept-Encoding": AS_IT_IS}
+    ),
     UnknownModel: Answer(404, "unknown-model", "Unknown model"),
     PlanningError: Answer(500, "planning-failed", "Planning failed"),
     Refused: Answer(429, "busy"),
-    NotReady: Answer(503, "not-ready", rejected="not_ready"),
-    ShuttingDown: Answer(503, "not-ready", rejected="not_ready"),
+    NotReady: NOT_READY,
+    ShuttingDown: NOT_READY,
     DeadlineExceeded: Answer(504, "deadline-exceeded", rejected="deadline_exceeded"),
-    # Told to nobody; the status, which others use for it too, is for log and metrics.
-    ClientGone: Answer(499, title="Client gone", rejected="client_gone"),
+    ClientGone: CLIENT_GONE,
+    ClientDisconnect: CLIENT_GONE,
 }
 FIELDS: dict[type[Exception], str] = {
     InvalidStepCount: "/method/steps",
@@ -90,7 +116,9 @@ FIELDS: dict[type[Exception], str] = {
 def install_error_handlers(app: FastAPI) -> None:
     """Make every error of `app` a problem+json answer, never a traceback."""
     app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(InvalidParts, _invalid_parts)
     app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(MalformedHttp, answer_malformed_http)
     app.add_exception_handler(Exception, _unexpected)
     for kind in ANSWERS:
         app.add_exception_handler(kind, _answer)
@@ -98,16 +126,28 @@ def install_error_handlers(app: FastAPI) -> None:
         app.add_exception_handler(kind, _invalid_field)
 
 
+async def answer_malformed_http(request: Request, error: Exception) -> Response:
+    """Tell what was wrong with a request's head or body; no other follows on its connection."""
+    assert isinstance(error, MalformedHttp)
+    request.state.log_fields["malformed"] = error.detail
+    return problem_response(
+        request,
+        error.status_code,
+        f"the request cannot be read: {error.detail}",
+        slug="malformed-http",
+        title="Malformed HTTP",
+        headers={"Connection": "close"},
+    )
+
+
 async def _answer(request: Request, error: Exception) -> Response:
     answer = next(ANSWERS[kind] for kind in type(error).__mro__ if kind in ANSWERS)
     rejected = error.reason if isinstance(error, Refused) else answer.rejected
     if rejected and request.method == "POST":  # a plan, and not a probe
         request.state.log_fields["rejected"] = rejected
-    headers = None
+    headers = dict(answer.headers)
     if isinstance(error, Refused):
-        headers = {"Retry-After": str(error.retry_after_s)}
-    elif answer.status == HTTPStatus.SERVICE_UNAVAILABLE:
-        headers = {"Retry-After": RETRY_AFTER_SECONDS}
+        headers["Retry-After"] = str(error.retry_after_s)
     return problem_response(
         request, answer.status, str(error), slug=answer.slug, title=answer.title, headers=headers
     )
@@ -121,7 +161,10 @@ async def _invalid_field(request: Request, error: Exception) -> Response:
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     headers = dict(error.headers or {})
-    return problem_response(request, error.status_code, str(error.detail), headers=headers)
+    detail = str(error.detail)
+    if error.status_code == HTTPStatus.NOT_FOUND and request.url.path.endswith("/"):
+        detail = "there is nothing here; no path ends with a slash"
+    return problem_response(request, error.status_code, detail, headers=headers)
 
 
 async def _unexpected(request: Request, _: Exception) -> Response:
@@ -134,12 +177,10 @@ async def _unexpected(request: Request, _: Exception) -> Response:
 
 async def _invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    errors = error.errors()
-    if errors[0]["type"] == "json_invalid":
-        detail = f"the body is not JSON: {errors[0]['ctx']['error']} at byte {errors[0]['loc'][1]}"
-        return problem_response(request, 400, detail, slug="not-json", title="Not JSON")
-    if isinstance(error.body, bytes):
-        detail = "the body must be JSON, sent with Content-Type: application/json"
-        return problem_response(request, 422, detail, slug="invalid-request")
-    within_body = [item | {"loc": item["loc"][1:]} for item in errors]
+    within_body = [item | {"loc": item["loc"][1:]} for item in error.errors()]
     return field_problem(request, field_errors(within_body, error.body))
+
+
+async def _invalid_parts(request: Request, error: Exception) -> Response:
+    assert isinstance(error, InvalidParts)
+    return field_problem(request, error.errors)

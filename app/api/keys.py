@@ -11,6 +11,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.errors import problem_response
 from app.api.middleware import HttpMiddleware
+from app.api.request_target import route_path
 from app.settings import Settings
 
 KEY = re.compile(r"[!-~]{16,}")
@@ -56,7 +57,7 @@ class ApiKeys(HttpMiddleware):
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         authorization = Headers(scope=scope).get("authorization", "")
-        if is_public(scope["path"], self.public_paths) or self._is_known(authorization):
+        if is_public(route_path(scope), self.public_paths) or self._is_known(authorization):
             await self.app(scope, receive, send)
             return
         refusal = problem_response(

@@ -85,6 +85,12 @@ class Metrics:
             ["model"],
             registry=registry,
         )
+        self._answer_bytes = Gauge(
+            "breakaway_answer_bytes",
+            "Bytes of answers that are to be made or sent.",
+            ["model"],
+            registry=registry,
+        )
         self._rejected = Counter(
             "breakaway_rejected_total",
             "Plans that were asked for and not made, by reason.",
@@ -125,9 +131,10 @@ class Metrics:
         Args:
             pending: what is pending now, by model.
         """
-        for gauge in (self._pending_requests, self._rows_waiting):
+        for gauge in (self._pending_requests, self._rows_waiting, self._answer_bytes):
             gauge.clear()
-        for model, (requests, rows) in pending.items():
+        for model, (requests, rows, answer_bytes) in pending.items():
             self._pending_requests.labels(model).set(requests)
             self._rows_waiting.labels(model).set(rows)
+            self._answer_bytes.labels(model).set(answer_bytes)
         return generate_latest(self._registry), CONTENT_TYPE_PLAIN_0_0_4

@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from math import ceil
 
 from starlette.datastructures import Headers
-from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 POLICY_VIOLATION = 1008
@@ -38,6 +37,14 @@ class HttpMiddleware(ABC):
         """Answer an HTTP request, or hand it to `app`."""
 
 
+class BodyTooLarge(Exception):
+    """A body is larger than the service takes."""
+
+
+class BodyTooSlow(Exception):
+    """A body took too long to arrive."""
+
+
 class BodyLimit(HttpMiddleware):
     """Refuse a body above `max_bytes`, declared or streamed (413), or that takes too long (408).
 
@@ -62,7 +69,7 @@ class BodyLimit(HttpMiddleware):
 
         def check(size: int) -> None:
             if size > self.max_bytes:
-                raise HTTPException(413, f"the body is larger than {self.max_bytes} bytes")
+                raise BodyTooLarge(f"the body is larger than {self.max_bytes} bytes")
 
         async def receive_within_limits() -> Message:
             nonlocal received, is_complete
@@ -73,8 +80,8 @@ class BodyLimit(HttpMiddleware):
                 async with asyncio.timeout_at(deadline):
                     message = await receive()
             except TimeoutError:
-                detail = f"the body did not arrive within {ceil(self.timeout_s)} s"
-                raise HTTPException(408, detail, headers={"Connection": "close"}) from None
+                limit = ceil(self.timeout_s)
+                raise BodyTooSlow(f"the body did not arrive within {limit} s") from None
             received += len(message.get("body", b""))
             check(received)
             is_complete = not message.get("more_body", False)

@@ -1,7 +1,8 @@
 """The routes: each reads a request, hands it on, and answers."""
 
 import platform
-from collections.abc import Callable
+from collections.abc import AsyncIterator
+from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -9,17 +10,19 @@ from typing import Annotated, Any
 import numba
 import numpy
 from fastapi import APIRouter, Depends, HTTPException, Request
-from fastapi.responses import PlainTextResponse, RedirectResponse, Response
+from fastapi.responses import PlainTextResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
+from app.api.body import JsonRoute
 from app.api.errors import MEDIA_TYPE
+from app.api.sending import AnswerResponse, Body, accepts_gzip, make_body
 from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model import Model
 from app.inference.verification import ModelRejected
 from app.planning.plant.system import System
 from app.serving.kernels import available_cores
 from app.serving.runtime import Runtime
-from app.serving.service import PlanningService, R, ResolvedRequest
+from app.serving.service import PlanningService, ResolvedRequest
 from app.wire.about import (
     Health,
     Info,
@@ -28,13 +31,13 @@ from app.wire.about import (
     ModelDescription,
     describe_methods,
 )
-from app.wire.answers import MultistepPlanResponse, PlanResponse, TimingReport
+from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.model import build_checks
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_TARGETS, MultistepPlanRequest, PlanRequest
 
 build_checks()
-router = APIRouter()
+router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
 admin_router = APIRouter()
 """Open only where the settings say so."""
 
@@ -70,10 +73,11 @@ def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]
 
 NOT_READY = (503, "The service is starting or draining.")
 PLAN_PROBLEMS = _problems(
-    (400, "The body is not JSON."),
+    (400, "The body is not JSON, not UTF-8, or nested too deeply."),
     (404, "No such model."),
     (413, "The body is too large."),
-    (422, "A field is invalid, too large, or does not fit the model."),
+    (415, "The body is not sent as JSON, or it is compressed."),
+    (422, "A field is invalid, repeated, too large, or does not fit the model."),
     (429, "Too much to do, or no time for it; Retry-After says when to come back."),
     (500, "Planning failed."),
     NOT_READY,
@@ -81,14 +85,26 @@ PLAN_PROBLEMS = _problems(
 )
 
 
+async def until_sent() -> AsyncIterator[ExitStack]:
+    """What is entered here ends when the answer is sent, or will not be."""
+    with ExitStack() as stack:
+        yield stack
+
+
+UntilSent = Annotated[ExitStack, Depends(until_sent)]
+
+
 @router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])
 async def plan(
-    body: PlanRequest, request: Request, service: ServiceDependency, runtime: RuntimeDependency
+    body: PlanRequest,
+    request: Request,
+    service: ServiceDependency,
+    runtime: RuntimeDependency,
+    until_sent: UntilSent,
 ) -> Response:
     """Plan a control sequence from a start to a target."""
-    return await _answer(
-        request, runtime, service.resolve(body, request.state.arrived), service.plan
-    )
+    resolved = service.resolve(body, request.state.arrived)
+    return await _answer(request, runtime, service, resolved, until_sent)
 
 
 @router.post(
@@ -102,39 +118,43 @@ async def plan_multistep(
     request: Request,
     service: ServiceDependency,
     runtime: RuntimeDependency,
+    until_sent: UntilSent,
 ) -> Response:
     """Plan to several targets, each from the state that the plan before it reached."""
-    return await _answer(
-        request, runtime, service.resolve(body, request.state.arrived), service.plan_multistep
-    )
+    resolved = service.resolve(body, request.state.arrived)
+    return await _answer(request, runtime, service, resolved, until_sent)
 
 
 async def _answer(
     request: Request,
     runtime: Runtime,
-    resolved: ResolvedRequest[R],
-    plan: Callable[[ResolvedRequest[R], float], PlanResponse | MultistepPlanResponse],
+    service: PlanningService,
+    resolved: ResolvedRequest[Any],
+    until_sent: ExitStack,
 ) -> Response:
     """Have it planned in a thread, within its deadline and while the client waits."""
-    asked = resolved.request
+    work = resolved.work
     request.state.log_fields |= {
         "method": resolved.recipe.method.name,
-        "num_candidates": asked.num_candidates,
+        "num_candidates": resolved.request.num_candidates,
         "num_targets": resolved.num_targets,
         "seed": resolved.seed,
     }
-    if resolved.work.model:
-        request.state.log_fields["model"] = resolved.work.model.label
+    if work.model:
+        request.state.log_fields["model"] = work.model.label
+    is_gzip_accepted = accepts_gzip(",".join(request.headers.getlist("Accept-Encoding")))
 
-    def answer(waited_ms: float) -> tuple[str, TimingReport]:
-        result = plan(resolved, waited_ms)
-        return result.model_dump_json(exclude_none=True), result.timing_ms
+    def answer(waited_ms: float) -> tuple[Body, dict[str, float]]:
+        result = service.answer(resolved, waited_ms)
+        body = make_body(result, accepts_gzip=is_gzip_accepted, stop=work.stop)
+        return body, result["timing_ms"]
 
-    body, timing_ms = await runtime.workers.run(resolved.work, answer, partial(_hung_up, request))
-    timing = timing_ms.model_dump()
+    until_sent.enter_context(runtime.admission.answering(work))
+    body, timing = await runtime.workers.run(work, answer, partial(_hung_up, request))
+    work.answer_bytes = body.num_bytes
     request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
     header = ", ".join(f"{stage};dur={ms}" for stage, ms in timing.items())
-    return Response(body, media_type="application/json", headers={"Server-Timing": header})
+    return AnswerResponse(body, {"Server-Timing": header})
 
 
 async def _hung_up(request: Request) -> None:
@@ -212,12 +232,6 @@ async def reload(runtime: RuntimeDependency) -> list[ModelDescription]:
     except ModelRejected as error:
         raise HTTPException(409, f"the old models stay: {error}") from error
     return await models(runtime.service)
-
-
-@router.get("/", include_in_schema=False)
-async def home() -> RedirectResponse:
-    """Send a browser to the documentation."""
-    return RedirectResponse("docs")
 
 
 def _describe(model: Model) -> ModelDescription:

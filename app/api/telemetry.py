@@ -10,6 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
 from app.api.middleware import HttpMiddleware
+from app.api.request_target import mount_path, route_path
 from app.serving.admission import NONE
 
 CLIENT_GONE = 499
@@ -70,6 +71,7 @@ class Telemetry(HttpMiddleware):
 
     def _record(self, scope: Scope, fields: dict[str, Any], status: int, seconds: float) -> None:
         route = _route(scope)
+        path = scope["path"] or "-"  # what cannot be read has none
         verb = scope["method"] if scope["method"] in HTTP_METHODS else "other"
         model = fields.get("model", NONE)
         self.metrics.observe_request(
@@ -87,8 +89,9 @@ class Telemetry(HttpMiddleware):
         line = {
             "request_id": correlation_id.get(),
             "route": route,
+            "client": scope["client"][0] if scope.get("client") else None,
             "http_method": scope["method"],
-            "path": scope["path"],
+            "path": path,
             "status": status,
             "duration_ms": round(seconds * 1e3, 3),
         }
@@ -96,7 +99,7 @@ class Telemetry(HttpMiddleware):
             logging.DEBUG if route in PROBES else logging.INFO,
             "%s %s %d in %.1f ms",
             scope["method"],
-            scope["path"],
+            path,
             status,
             seconds * 1e3,
             extra={**fields, **line},
@@ -110,5 +113,5 @@ def _route(scope: Scope) -> str:
     if "endpoint" not in scope:
         return "unmatched"
     # Starlette's own routes are not in the scope; those that FastAPI adds have no parameters.
-    mounted: str = scope["root_path"].removeprefix(scope.get("app_root_path", ""))
-    return mounted or str(scope["path"])
+    mounted: str = scope["root_path"].removeprefix(mount_path(scope))
+    return mounted or route_path(scope)

@@ -20,7 +20,7 @@ def bench() -> None:
 
     prepare((*PLANNING, *NETWORK))
     try:
-        for line in run(read_settings().model_store, available_cores()):
+        for line in run(read_settings(["model_store"]).model_store, available_cores()):
             click.echo(line)
     except (ModelRejected, UnfitModel) as error:
         raise Failure(str(error)) from None

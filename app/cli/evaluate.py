@@ -116,12 +116,12 @@ async def connect(url: str | None, api_key: str | None) -> "AsyncIterator[AsyncP
     from asgi_lifespan import LifespanManager
 
     from app.client.planner_client import AsyncPlannerClient
+    from app.settings import PLAN_SETTINGS
 
     async with AsyncExitStack() as stack:
         transport: httpx.AsyncBaseTransport | None = None
         if url is None:
-            open_to_us = {"api_keys": None, "api_keys_file": None}
-            app = create_service(read_settings().model_copy(update=open_to_us))
+            app = create_service(read_settings(PLAN_SETTINGS))
             service = await stack.enter_async_context(LifespanManager(app))
             transport = httpx.ASGITransport(service.app)
         else:

@@ -20,7 +20,7 @@ def models() -> None:
     from app.inference.verification import ModelRejected, find_skipped, find_versions, verify
     from app.planning.plant.plant_range import in_words
 
-    store = read_settings().model_store
+    store = read_settings(["model_store"]).model_store
     try:
         directories = find_versions(store)
     except ModelRejected as error:

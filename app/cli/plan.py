@@ -141,12 +141,13 @@ def _make_plan(
     from app.serving.rates import Rates
     from app.serving.refusals import InvalidField
     from app.serving.service import PlanningService
+    from app.settings import PLAN_SETTINGS
     from app.wire.requests import MultistepPlanRequest
 
     if with_candidates:
         request = request.model_copy(update={"include": [*request.include, "candidates"]})
     answer: PlanResponse | MultistepPlanResponse
-    settings = read_settings()
+    settings = read_settings(PLAN_SETTINGS)
     prepare(PLANNING)
     try:
         with ExitStack() as stack:

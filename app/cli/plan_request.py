@@ -1,7 +1,7 @@
 """The request of `breakaway plan`: what a file says, and options that override it."""
 
-import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
@@ -9,6 +9,7 @@ import click
 from app.failure import Failure
 
 if TYPE_CHECKING:
+    from app.wire.problems import FieldError
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 AT_REST = (0.0, 0.0)
@@ -45,11 +46,7 @@ def read_request(
             return MultistepPlanRequest.model_validate(body)
         return PlanRequest.model_validate(body)
     except ValidationError as error:
-        faults = [
-            f"{source(fault.pointer, options)}: {fault.detail}"
-            for fault in field_errors(error.errors(), body)
-        ]
-        raise Failure("\n".join(faults)) from None
+        raise _failure(field_errors(error.errors(), body), options) from None
 
 
 def source(pointer: str, options: Mapping[str, Any]) -> str:
@@ -67,10 +64,7 @@ def source(pointer: str, options: Mapping[str, Any]) -> str:
 
 
 def _read_body(file: BinaryIO) -> dict[str, Any]:
-    try:
-        body = json.load(file)
-    except (ValueError, RecursionError) as error:
-        raise Failure(f"--request: not JSON: {error}") from None
+    body = _parse(file.read(), {})
     if not isinstance(body, dict):
         raise Failure("--request: must be a JSON object")
     return body
@@ -80,7 +74,23 @@ def _method(text: str) -> Any:
     """Return a method as requests have it: its name, or an object with its name and options."""
     if not text.startswith("{"):
         return text
+    return _parse(os.fsencode(text), {"method": text}, "/method")
+
+
+def _parse(text: bytes, options: Mapping[str, Any], within: str = "") -> Any:
+    """Parse JSON as the service does: a file, or the value of the option that is `within`."""
+    from app.wire.json_text import InvalidParts, UnreadableJson, parse_json
+
     try:
-        return json.loads(text)
-    except ValueError as error:
-        raise Failure(f"--method: neither a name nor a JSON object: {error}") from None
+        return parse_json(text)
+    except UnreadableJson as error:
+        raise Failure(f"{source(within, options)}: {error}") from None
+    except InvalidParts as error:
+        raise _failure(error.errors, options, within) from None
+
+
+def _failure(
+    errors: Iterable["FieldError"], options: Mapping[str, Any], within: str = ""
+) -> Failure:
+    """Name each part at fault by what it came from; the pointers begin `within` the request."""
+    return Failure("\n".join(f"{source(within + e.pointer, options)}: {e.detail}" for e in errors))

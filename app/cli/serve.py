@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from app.environment import injected_port
 from app.failure import Failure
 from app.settings_options import SettingsCommand
 
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
     from app.settings import Settings
+
+log = logging.getLogger(__name__)
 
 
 @click.command(
@@ -35,6 +38,12 @@ def serve(settings: "Settings") -> None:
     except OSError as error:
         raise Failure(str(error)) from None
     set_up_logging(settings.log_level, settings.log_format)
+    if address := injected_port():
+        log.warning(
+            "BREAKAWAY_PORT=%s is ignored: it is where an orchestrator has a service, and no port "
+            "to listen on (in Kubernetes, enableServiceLinks: false leaves it out)",
+            address,
+        )
     server = Server(service, settings)
     with suppress(KeyboardInterrupt):
         server.run(sockets)

@@ -4,6 +4,7 @@ The ranges stand once, in the annotations: the service's schemas read them there
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from typing import Any, get_args, get_type_hints
@@ -19,8 +20,16 @@ class Options:
         "extra": "forbid",
         "allow_inf_nan": False,
         "use_attribute_docstrings": True,
+        "strict": True,
     }
     """As plain data: the domain does not import the library."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: type, build: Callable[[type], dict[str, Any]]
+    ) -> dict[str, Any]:
+        """Let a dict stand for the dataclass, as JSON has it; what is in it is checked strictly."""
+        return build(source) | {"strict": False}
 
     def __post_init__(self) -> None:
         """Check the values.

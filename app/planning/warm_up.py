@@ -6,6 +6,8 @@ from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.objectives import OBJECTIVES
 from app.planning.planner import plan
 from app.planning.problem import Problem
+from app.planning.reachable.reachability import reachability
+from app.planning.reachable.trace import trace
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 
@@ -20,8 +22,9 @@ def make_refined_plans() -> None:
 
 
 def make_bounded_plan() -> None:
-    """Plan with the reachable set."""
+    """Plan with the reachable set, and out of it."""
     plan(_PROBLEM, Recipe(DatasetPrior(), 2, reachability=True), np.random.default_rng(0))
+    trace(_PROBLEM, reachability(_PROBLEM))
 
 
 def make_plans() -> None:

@@ -23,6 +23,9 @@ MARGIN_SECONDS = 0.01
 SHORT_SECONDS = 0.05
 """A compiled plan that takes no longer waits for none that does."""
 
+WRITING_SECONDS = 2e-8
+"""To write and compress a byte of an answer."""
+
 NONE = "none"
 """In the place of a model's name where there is none."""
 Lane: TypeAlias = Literal["network", "short", "long"]
@@ -41,14 +44,17 @@ class Work(Job):
     """Simulated time steps, over all targets."""
     kind: str
     """Plans of a kind take about as long for a time step."""
+    answer_bytes: int
+    """As many as are expected; as many as there are once the answer is made."""
 
 
 class Pending(NamedTuple):
-    """What is at work or waiting."""
+    """What is at work or waiting, and its answers, until they are sent."""
 
     requests: int
     rows: int
     """That still have to go through the network."""
+    answer_bytes: int = 0
 
 
 class Admission:
@@ -65,6 +71,7 @@ class Admission:
         self._rates = rates
         self._compiled_at_once = compiled_at_once
         self._admitted: dict[Work, Lane] = {}
+        self._answering: set[Work] = set()
 
     def __len__(self) -> int:
         return len(self._admitted)
@@ -76,13 +83,33 @@ class Admission:
 
     @property
     def pending(self) -> dict[str, Pending]:
-        """What was taken on and is not done, by model."""
+        """What was taken on and is not done, or not sent, by model."""
         by_model: dict[str, Pending] = {}
         for work in self._admitted:
-            label = work.model.label if work.model else NONE
-            requests, rows = by_model.get(label, (0, 0))
+            label = _label(work.model)
+            requests, rows, _ = by_model.get(label, Pending(0, 0))
             by_model[label] = Pending(requests + 1, rows + work.rows_left)
+        for work in self._answering:
+            label = _label(work.model)
+            requests, rows, answer_bytes = by_model.get(label, Pending(0, 0))
+            by_model[label] = Pending(requests, rows, answer_bytes + work.answer_bytes)
         return by_model
+
+    @contextmanager
+    def answering(self, work: Work) -> Iterator[None]:
+        """Keep count of the work's answer until the context ends, which is when it is sent.
+
+        Raises:
+            Refused: there are too many bytes already that clients have not taken.
+        """
+        total = sum(other.answer_bytes for other in self._answering) + work.answer_bytes
+        if total > self._settings.max_pending_answer_bytes:
+            raise _queue_full(total, "bytes of answers")
+        self._answering.add(work)
+        try:
+            yield
+        finally:
+            self._answering.remove(work)
 
     @contextmanager
     def admitted(self, work: Work) -> Iterator[Lane]:
@@ -106,7 +133,8 @@ class Admission:
         return "short" if self._computing_seconds(work) <= SHORT_SECONDS else "long"
 
     def _computing_seconds(self, work: Work) -> float:
-        return self._rates.seconds_of_steps(work.kind, work.rollout_steps)
+        simulating = self._rates.seconds_of_steps(work.kind, work.rollout_steps)
+        return simulating + WRITING_SECONDS * work.answer_bytes
 
     def _check_cost(self, work: Work) -> None:
         settings = self._settings
@@ -124,7 +152,7 @@ class Admission:
             ),
         ):
             if value > limit:
-                raise Refused("queue_full", f"with this one, {value} {what} would be pending", 1.0)
+                raise _queue_full(value, what)
 
     def _check_deadlines(self, new: Work, lane: Lane) -> None:
         """Refuse `new` if it would be late, or would hold up another one that must not be."""
@@ -183,3 +211,11 @@ class Admission:
             work: finish + waiting + self._computing_seconds(work)
             for work, finish, waiting in finished
         }
+
+
+def _label(model: "Model | None") -> str:
+    return model.label if model else NONE
+
+
+def _queue_full(value: int, what: str) -> Refused:
+    return Refused("queue_full", f"with this one, {value} {what} would be pending", 1.0)

@@ -65,8 +65,8 @@ class Runtime:
         self._engine = Engine(self.network_threads, watch_tick, share)
         # As if the network always had work: nobody is promised a core that it may need.
         compiled_at_once = max(1, self.network_threads - 1)
-        self._admission = Admission(settings, self._rates, compiled_at_once)
-        self.workers = Workers(self._admission, self._engine.row_threads)
+        self.admission = Admission(settings, self._rates, compiled_at_once)
+        self.workers = Workers(self.admission, self._engine.row_threads)
         self._loading = asyncio.Lock()
         self._service: PlanningService | None = None
         self._draining = False
@@ -92,7 +92,7 @@ class Runtime:
         """What was taken on and is not done, by model; none is left out because it is idle."""
         models = self._service.models.models if self._service else []
         idle = {label: Pending(0, 0) for label in (NONE, *(model.label for model in models))}
-        return idle | self._admission.pending
+        return idle | self.admission.pending
 
     async def start(self) -> None:
         """Load everything in a thread, while the probes answer; then compile what may wait."""
@@ -188,12 +188,12 @@ class Runtime:
         self._stop.set()
         self._service = None
         self._state = "the service is draining"
-        while len(self._admission):
+        while len(self.admission):
             await asyncio.sleep(POLL_SECONDS)
 
     def abort(self) -> None:
         """Stop all that was taken on."""
-        for work in self._admission.works:
+        for work in self.admission.works:
             work.stop.set(ShuttingDown("the service was told to end at once"))
 
     def close(self) -> None:

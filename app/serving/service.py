@@ -14,26 +14,17 @@ import numpy as np
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.methods import ActionDiffusion, Learned, WarmStarted
 from app.planning.methods.base import LearnedProposal, Method, MethodOptions
-from app.planning.plan import Plan, RankedCandidates
+from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON, Cost, Problem, Timing, as_state
 from app.planning.recipe import Recipe
 from app.serving.admission import Work
+from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
 from app.settings import Settings
-from app.wire.answers import (
-    CandidatesReport,
-    CostReport,
-    ModelReference,
-    MultistepPlanResponse,
-    PlanResponse,
-    ReachabilityReport,
-    RefinementReport,
-    Segment,
-    TimingReport,
-)
+from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest, State
 
 if TYPE_CHECKING:
@@ -44,6 +35,9 @@ R = TypeVar("R", PlanRequest, MultistepPlanRequest)
 
 REACHABILITY_STEPS = 60_000
 """The reachable set takes about as long as so many simulated time steps."""
+
+BYTES_PER_NUMBER = 21
+"""Of an answer's text, about: 17 digits and what goes with them."""
 
 
 class PlanningService:
@@ -97,56 +91,52 @@ class PlanningService:
             rows_per_step=cost.predictions_per_step * recipe.num_candidates,
             rollout_steps=(cost.rollouts * horizon + measuring_steps) * num_targets,
             kind=_kind(recipe),
+            answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
         return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, work)
 
-    def plan(
-        self, resolved: "ResolvedRequest[PlanRequest]", waited_ms: float = 0.0
-    ) -> PlanResponse:
-        """Answer `POST /plan`.
+    def answer(self, resolved: "ResolvedRequest[Any]", waited_ms: float = 0.0) -> dict[str, Any]:
+        """Plan, and say what came of it.
 
         Args:
             resolved: what to plan.
             waited_ms: how long the request waited before this call, for the answer's timing.
+
+        Returns:
+            The fields of a `PlanResponse` or, for several targets, a `MultistepPlanResponse`, with
+            None for what is absent, and numpy's arrays: of a million numbers, Python would make a
+            million objects, and nobody else would get a word in. `json_parts` writes it.
 
         Raises:
             InvalidStepCount: more denoising steps than the model has diffusion times.
             PlanningError: the method failed.
             Stopped: the work's stop said so.
         """
-        request = resolved.request
-        problem = resolved.problem(request.target_state)
-        rng = np.random.default_rng(resolved.seed)
-        result = plan(problem, self._recipe(resolved), rng, resolved.work.stop)
-        self._measure(resolved, result.timing)
-        segment = _segment(result, request.include, Timing(queue=waited_ms) + result.timing)
-        return PlanResponse(**segment.__dict__, **resolved.provenance())
-
-    def plan_multistep(
-        self, resolved: "ResolvedRequest[MultistepPlanRequest]", waited_ms: float = 0.0
-    ) -> MultistepPlanResponse:
-        """Answer `POST /plan_multistep`; arguments and errors as for `plan`."""
-        request = resolved.request
-        problem = resolved.problem(request.targets[0])
-        targets = [as_state(target) for target in request.targets]
+        request, recipe = resolved.request, self._recipe(resolved)
         rng = np.random.default_rng(resolved.seed)
         stop = resolved.work.stop
-        result = plan_multistep(problem, targets, self._recipe(resolved), rng, stop)
-        self._measure(resolved, result.timing)
-        include = request.include
-        return MultistepPlanResponse(
-            segments=[_segment(part, include, part.timing) for part in result.segments],
-            controls=result.controls.tolist(),
-            states=result.states.tolist() if "states" in include else None,
-            final_error=result.final_error,
-            mean_end_error=result.mean_end_error,
-            mean_end_floor=result.mean_end_floor,
-            stuck_steps=result.stuck_steps,
-            cost=_cost(result.cost),
-            timing_ms=_timing(Timing(queue=waited_ms) + result.timing),
-            **resolved.provenance(),
-        )
+        if isinstance(request, MultistepPlanRequest):
+            targets = [as_state(target) for target in request.targets]
+            plans = plan_multistep(resolved.problem(request.targets[0]), targets, recipe, rng, stop)
+            timing, fields = plans.timing, _multistep_fields(plans, request.include)
+        else:
+            single = plan(resolved.problem(request.target_state), recipe, rng, stop)
+            timing, fields = single.timing, _segment_fields(single, request.include)
+        self._measure(resolved, timing)
+        fields["timing_ms"] = _timing_fields(Timing(queue=waited_ms) + timing)
+        return resolved.provenance() | fields
+
+    def plan(self, resolved: "ResolvedRequest[PlanRequest]") -> PlanResponse:
+        """Answer `POST /plan` with what its client reads; errors as for `answer`."""
+        return PlanResponse.model_validate_json(b"".join(json_parts(self.answer(resolved))))
+
+    def plan_multistep(
+        self, resolved: "ResolvedRequest[MultistepPlanRequest]"
+    ) -> MultistepPlanResponse:
+        """Answer `POST /plan_multistep` with what its client reads; errors as for `answer`."""
+        text = b"".join(json_parts(self.answer(resolved)))
+        return MultistepPlanResponse.model_validate_json(text)
 
     def _recipe(self, resolved: "ResolvedRequest[Any]") -> Recipe[Method]:
         """Return the recipe with a method that can propose."""
@@ -238,9 +228,11 @@ class ResolvedRequest(Generic[R]):
     def provenance(self) -> dict[str, Any]:
         """Return the fields of an answer that say where it comes from."""
         manifest = self.work.model and self.work.model.manifest
-        reference = manifest and ModelReference(
-            name=manifest.name, version=str(manifest.version), sha256=manifest.sha256
-        )
+        reference = manifest and {
+            "name": manifest.name,
+            "version": str(manifest.version),
+            "sha256": manifest.sha256,
+        }
         return {
             "method": self.recipe.method.name,
             "model": reference,
@@ -265,38 +257,59 @@ def _able(method: Any, proposal: LearnedProposal | None) -> Method:
     return able
 
 
-def _segment(result: Plan, include: Container[Inclusion], timing: Timing) -> Segment:
+def _answer_numbers(request: AnyRequest, horizon: int) -> int:
+    """Return how many numbers of arrays an answer has for each target."""
+    own = 2 if isinstance(request, MultistepPlanRequest) else 1  # in the segment, and in all
+    sequences = own + (request.num_candidates if "candidates" in request.include else 0)
+    return sequences * horizon * (3 if "states" in request.include else 1)
+
+
+def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, Any]:
+    """Return the fields of a `Segment`."""
+    candidates = result.candidates
     with_states = "states" in include
-    return Segment(
-        controls=result.controls.tolist(),
-        states=result.states.tolist() if with_states else None,
-        terminal_error=result.terminal_error,
-        gap=result.gap,
-        reachability=result.reachability
-        and ReachabilityReport.model_validate(result.reachability, from_attributes=True),
-        refinement=result.refinement and RefinementReport(**asdict(result.refinement)),
-        control_energy=result.control_energy,
-        control_smoothness=result.control_smoothness,
-        stuck_steps=result.stuck_steps,
-        cost=_cost(result.cost),
-        timing_ms=_timing(timing),
-        candidates=(
-            _candidates(result.candidates, with_states) if "candidates" in include else None
-        ),
-    )
+    return {
+        "controls": result.controls,
+        "states": result.states if with_states else None,
+        "terminal_error": result.terminal_error,
+        "gap": result.gap,
+        "reachability": result.reachability and asdict(result.reachability),
+        "refinement": result.refinement and asdict(result.refinement),
+        "control_energy": result.control_energy,
+        "control_smoothness": result.control_smoothness,
+        "stuck_steps": result.stuck_steps,
+        "cost": _cost_fields(result.cost),
+        "timing_ms": _timing_fields(result.timing),
+        "candidates": {
+            "controls": candidates.controls,
+            "terminal_errors": candidates.terminal_errors,
+            "states": candidates.states if with_states else None,
+        }
+        if "candidates" in include
+        else None,
+    }
 
 
-def _candidates(candidates: RankedCandidates, with_states: bool) -> CandidatesReport:
-    return CandidatesReport(
-        controls=candidates.controls.tolist(),
-        terminal_errors=candidates.terminal_errors.tolist(),
-        states=candidates.states.tolist() if with_states else None,
-    )
+def _multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> dict[str, Any]:
+    """Return the fields of a `MultistepPlanResponse` that say what was planned."""
+    return {
+        "segments": [_segment_fields(part, include) for part in result.segments],
+        "controls": result.controls,
+        "states": result.states if "states" in include else None,
+        "final_error": result.final_error,
+        "mean_end_error": result.mean_end_error,
+        "mean_end_floor": result.mean_end_floor,
+        "stuck_steps": result.stuck_steps,
+        "cost": _cost_fields(result.cost),
+    }
 
 
-def _cost(cost: Cost) -> CostReport:
-    return CostReport(network_evaluations=cost.network_evaluations, rollouts=cost.rollouts)
+def _cost_fields(cost: Cost) -> dict[str, int]:
+    """Return the fields of a `CostReport`."""
+    return {"network_evaluations": cost.network_evaluations, "rollouts": cost.rollouts}
 
 
-def _timing(timing: Timing) -> TimingReport:
-    return TimingReport(**asdict(timing), total=timing.total)
+def _timing_fields(timing: Timing) -> dict[str, float]:
+    """Return the fields of a `TimingReport`, to the microsecond: what lies below is noise."""
+    fields = asdict(timing) | {"total": timing.total}
+    return {stage: round(ms, 3) for stage, ms in fields.items()}

@@ -48,6 +48,7 @@ class Limits(WireModel):
     max_pending: int
     max_pending_rows: int
     max_pending_rollout_steps: int
+    max_pending_answer_bytes: int
     max_deadline_ms: int
 
 

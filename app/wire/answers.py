@@ -1,8 +1,6 @@
 """Answers: what a service makes of a request."""
 
-from typing import Annotated
-
-from pydantic import ConfigDict, Field, PlainSerializer
+from pydantic import ConfigDict, Field
 
 from app.planning.plant.system import System
 from app.wire.model import WireModel
@@ -53,18 +51,14 @@ class RefinementReport(WireModel):
     )
 
 
-Milliseconds = Annotated[float, PlainSerializer(lambda value: round(value, 3))]
-"""Sent to the microsecond: what lies below is noise."""
-
-
 class TimingReport(WireModel):
     """Wall-clock milliseconds in the server."""
 
-    queue: Milliseconds = Field(description="Waiting for a free core or for the network.")
-    propose: Milliseconds
-    refine: Milliseconds
-    rollout: Milliseconds = Field(description="Rolling out, ranking and measuring.")
-    total: Milliseconds
+    queue: float = Field(description="Waiting for a free core or for the network.")
+    propose: float
+    refine: float
+    rollout: float = Field(description="Rolling out, ranking and measuring.")
+    total: float
 
 
 class CandidatesReport(WireModel):

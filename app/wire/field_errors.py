@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from app.wire.problems import FieldError
+from app.wire.problems import FieldError, json_pointer
 
 
 def field_errors(errors: Iterable[Mapping[str, Any]], body: Any) -> list[FieldError]:
@@ -28,7 +28,8 @@ def _pointer(location: tuple[int | str, ...], body: Any, is_missing: bool) -> st
     Pydantic puts the tag of a union's member among the keys; a tag is a key that the body lacks,
     as it lacks a missing field, which stands last.
     """
-    pointer, value = "", body
+    keys: list[int | str] = []
+    value = body
     for index, key in enumerate(location):
         is_field = is_missing and index == len(location) - 1
         if isinstance(value, dict):
@@ -39,8 +40,8 @@ def _pointer(location: tuple[int | str, ...], body: Any, is_missing: bool) -> st
             value = value[key]
         elif not isinstance(value, list):
             continue
-        pointer += "/" + str(key).replace("~", "~0").replace("/", "~1")
-    return pointer
+        keys.append(key)
+    return json_pointer(keys)
 
 
 def _detail(item: Mapping[str, Any]) -> str:
@@ -55,6 +56,8 @@ def _detail(item: Mapping[str, Any]) -> str:
             return f"no method {context['tag']!r}; there are: {context['expected_tags']}"
         case "union_tag_not_found":
             return "the method's name is missing"
-        case "model_attributes_type":
+        case "model_attributes_type" | "model_type" | "dataclass_type":
             return "must be an object"
+        case "list_type" | "tuple_type":
+            return "must be an array"
     return str(item["msg"]).removeprefix("Value error, ")

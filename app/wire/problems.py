@@ -1,5 +1,7 @@
 """Problems: why there is no answer, as RFC 9457 has it."""
 
+from collections.abc import Iterable
+
 from pydantic import Field
 
 from app.wire.model import WireModel
@@ -21,3 +23,12 @@ class FieldError(WireModel):
 
     pointer: str = Field(description="JSON pointer into the request body.")
     detail: str
+
+
+def json_pointer(keys: Iterable[str | int]) -> str:
+    """Return the JSON pointer (RFC 6901) of what lies behind `keys`, from the outside in.
+
+    Half of a surrogate pair, which JSON can escape and UTF-8 cannot hold, stays escaped.
+    """
+    pointer = "".join("/" + str(key).replace("~", "~0").replace("/", "~1") for key in keys)
+    return pointer.encode("utf-8", "backslashreplace").decode()

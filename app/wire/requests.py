@@ -6,6 +6,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    Strict,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -25,9 +26,13 @@ MAX_TARGETS = 64
 MAX_SEED = 2**53 - 1
 """The largest integer that every JSON reader keeps exactly."""
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
+ARRAY = Strict(False)
+"""A list or a tuple may stand for an array; what is in it is checked strictly all the same."""
+
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 State = Annotated[
     tuple[Number, Number],
+    ARRAY,
     Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
 ]
 Inclusion: TypeAlias = Literal["states", "candidates"]
@@ -45,29 +50,35 @@ MethodField = Annotated[
 ]
 
 
-class Initial(WireModel):
-    """Where an optimiser starts: the candidates of another method are its first population."""
+class _Asked(WireModel):
+    """A part of a request: of the very types that its schema names, and nothing beside."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Initial(_Asked):
+    """Where an optimiser starts: the candidates of another method are its first population."""
 
     method: MethodField
 
 
-class _Request(WireModel):
-    model_config = ConfigDict(extra="forbid")
-
+class _Request(_Asked):
     initial_state: State = Field(examples=[[0.0, 0.0]])
-    method: MethodField = ActionDiffusion()
-    num_candidates: Annotated[int, Field(strict=True, ge=1)] = Field(
+    method: MethodField = Field(
+        default_factory=ActionDiffusion,
+        # By its name: generators of clients know no default that is an object.
+        json_schema_extra={"default": ActionDiffusion().name},
+    )
+    num_candidates: Annotated[int, Field(ge=1)] = Field(
         16, description="K: candidates that are rolled out and ranked."
     )
-    seed: Annotated[int, Field(strict=True, ge=0, le=MAX_SEED)] | None = Field(
+    seed: Annotated[int, Field(ge=0, le=MAX_SEED)] | None = Field(
         None, description="Decides every random draw; without one the answer says which was drawn."
     )
     system: System | None = Field(
         None, description="The plant, where it is not the nominal one (or the named model's)."
     )
-    horizon: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+    horizon: Annotated[int, Field(ge=1)] | None = Field(
         None, description=f"H, time steps; {DEFAULT_HORIZON} or the named model's by default."
     )
     model: str | None = Field(
@@ -95,18 +106,18 @@ class _Request(WireModel):
         "lowered among the plans that arrive: stuck steps by moving at once and waiting at the "
         "target, where that is at rest.",
     )
-    reachability: Annotated[bool, Field(strict=True)] = Field(
+    reachability: bool = Field(
         True,
         description="Say how near any plan could come: the floor of the error, and the plan's gap "
         "to it. Without them a plan takes less time.",
     )
-    deadline_ms: Annotated[int, Field(strict=True, ge=1)] | None = Field(
+    deadline_ms: Annotated[int, Field(ge=1)] | None = Field(
         None,
         description="Milliseconds from the request's arrival in which the answer is of use: what "
         "cannot be done by then is refused with 429, what runs out of time is dropped with 504. "
         "The service's own maximum by default (see /info).",
     )
-    include: list[Inclusion] = Field(
+    include: Annotated[list[Inclusion], ARRAY] = Field(
         ["states"],
         description="What the answer holds beside controls and measures.",
         max_length=2,
@@ -165,7 +176,7 @@ class PlanRequest(_Request):
 class MultistepPlanRequest(_Request):
     """Plans to several targets, one after the other."""
 
-    targets: list[State] = Field(min_length=1, max_length=MAX_TARGETS)
+    targets: Annotated[list[State], ARRAY] = Field(min_length=1, max_length=MAX_TARGETS)
 
     model_config = ConfigDict(
         json_schema_extra={

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from app.api import errors
 from app.settings import Settings
 from tests.metrics import pending
 from tests.served import serving, wait_until, wait_until_ready
@@ -180,27 +181,6 @@ def test_an_unknown_model_is_a_404_that_names_those_there_are(
     assert "tiny/1" in problem["detail"]
 
 
-@pytest.mark.parametrize(
-    "content", [b'{"initial_state": [0, 0], "targ', b"", b"{]", b"\xff\xfe", b"[" * 50_000]
-)
-def test_a_body_that_is_not_json_is_refused(client: httpx.Client, content: bytes) -> None:
-    response = client.post("/plan", content=content, headers={"Content-Type": "application/json"})
-    assert_problem(response, 422 if not content else 400)
-
-
-def test_a_form_is_told_to_be_json(client: httpx.Client) -> None:
-    problem = assert_problem(client.post("/plan", data={"initial_state": "0"}), 422)
-    assert "Content-Type: application/json" in problem["detail"]
-
-
-def test_a_large_body_is_refused_declared_or_streamed(client: httpx.Client) -> None:
-    headers = {"Content-Type": "application/json"}
-    body = b" " * 100_000
-    assert_problem(client.post("/plan", content=body, headers=headers), 413)
-    chunks = (body[:1000] for _ in range(100))
-    assert_problem(client.post("/plan", content=chunks, headers=headers), 413)
-
-
 def test_unknown_paths_and_verbs_are_problems_too(client: httpx.Client) -> None:
     assert_problem(client.get("/nope"), 404)
     response = client.get("/plan")
@@ -276,3 +256,17 @@ def test_limits_are_settings(model_store: Path) -> None:
         wait_until_ready(client)
         assert post(client, GOOD | {"num_candidates": 8}).status_code == 200
         assert_problem(post(client, GOOD | {"num_candidates": 9}), 422)
+
+
+def test_the_types_of_problems_are_listed() -> None:
+    listed = {
+        (slug.strip(" `"), int(status))
+        for line in Path(errors.__file__).with_name("README.md").read_text().splitlines()
+        if line.startswith("| `")
+        for slugs, statuses, _ in [line.strip("| ").split(" | ", 2)]
+        for slug in slugs.split(",")
+        for status in statuses.split(",")
+    }
+    told = {(answer.slug, answer.status) for answer in errors.ANSWERS.values() if answer.slug}
+    unread = {("malformed-http", status) for status in (400, 431, 501)} | {("no-websocket", 400)}
+    assert listed == told | unread | {("invalid-request", 422)}

@@ -20,13 +20,14 @@ OURS = {
     "breakaway_tick_rows": "histogram",
     "breakaway_pending_requests": "gauge",
     "breakaway_rows_waiting": "gauge",
+    "breakaway_answer_bytes": "gauge",
     "breakaway_rejected": "counter",
 }
 PLAN = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "uniform"}
 
 
 def rendered(metrics: Metrics) -> str:
-    return metrics.render({"tiny/1": Pending(2, 300)})[0].decode()
+    return metrics.render({"tiny/1": Pending(2, 300, 5000)})[0].decode()
 
 
 def test_all_names_are_ours_and_carry_the_model() -> None:
@@ -58,6 +59,7 @@ def test_what_is_pending_is_told_as_it_is_now() -> None:
     metrics = Metrics()
     assert value(rendered(metrics), "breakaway_pending_requests", model="tiny/1") == 2
     assert value(rendered(metrics), "breakaway_rows_waiting", model="tiny/1") == 300
+    assert value(rendered(metrics), "breakaway_answer_bytes", model="tiny/1") == 5000
     text = metrics.render({"other/1": Pending(1, 0)})[0].decode()
     assert 'breakaway_pending_requests{model="tiny/1"}' not in text
 
@@ -73,7 +75,7 @@ def test_what_is_idle_is_told_as_zero(client: httpx.Client) -> None:
 
     idle = {
         (f"breakaway_{name}", model): 0.0
-        for name in ("pending_requests", "rows_waiting")
+        for name in ("pending_requests", "rows_waiting", "answer_bytes")
         for model in ("none", f"{MODEL}/1")
     }
     wait_until(lambda: gauges() == idle)

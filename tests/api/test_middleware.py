@@ -1,6 +1,7 @@
 """Bodies that are too large or too slow, over real sockets; HEAD; and what is not HTTP."""
 
 import asyncio
+import logging
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,10 +16,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.api.keys import ApiKeys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet, HttpMiddleware
+from app.api.request_target import RequestTarget
 from app.api.telemetry import Telemetry
+from app.api.unsupported import Unsupported
 from app.launch import START_SECONDS
 from app.settings import Settings
-from tests.served import serving
+from tests.metrics import value
+from tests.served import serving, wait_until
 
 TIMEOUT_S = 0.3
 TRICKLED = 900
@@ -60,6 +64,7 @@ def test_a_body_that_stops_is_answered_408(client: httpx.Client, sent: str) -> N
     assert answer.startswith("HTTP/1.1 408 ")
     assert "connection: close" in answer.lower()
     assert "application/problem+json" in answer
+    assert "urn:breakaway:problem:body-too-slow" in answer
     assert "x-request-id" in answer
 
 
@@ -85,6 +90,20 @@ def test_a_slow_body_within_the_time_is_read(tmp_path: Path) -> None:
         sleep(TIMEOUT_S / 3)
         connection.sendall(b"]")
         assert read_all(connection).startswith("HTTP/1.1 400 ")
+
+
+def test_a_client_that_hangs_up_within_its_body_is_no_error(
+    client: httpx.Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    def gone() -> float:
+        metrics = client.get("/metrics").text
+        return value(metrics, "breakaway_requests_total", route="/plan", status="499")
+
+    before = gone()
+    with connected(client) as connection:
+        connection.sendall((HEAD + "Content-Length: 20\r\n\r\n{").encode())
+    wait_until(lambda: gone() == before + 1)
+    assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
 @pytest.mark.parametrize(
@@ -143,7 +162,9 @@ MIDDLEWARE: list[Wrap] = [
     HeadAsGet,
     lambda app: BodyLimit(app, 1000, 1.0),
     lambda app: ApiKeys(app, [], ["/"]),
+    lambda app: RequestTarget(app, ""),
     lambda app: Telemetry(app, Metrics()),
+    Unsupported,
 ]
 
 

@@ -102,7 +102,8 @@ def test_options_other_than_the_target_keep_the_targets_of_the_file() -> None:
         (WHOLE, {"initial_state": (0.0, float("inf"))}, "--initial-state: Infinity is not a"),
         (WHOLE, {"method": "annealing"}, "--method: no method 'annealing'; there are: 'action"),
         (WHOLE, {"method": '{"name": "cem", "iterations": 0}'}, "--method /iterations: "),
-        (WHOLE, {"method": '{"name": '}, "--method: neither a name nor a JSON object: "),
+        (WHOLE, {"method": '{"name": '}, "--method: not JSON: Expecting value at line"),
+        (WHOLE, {"method": '{"name": "cem", "name": "mppi"}'}, "--method /name: the key appears"),
         (WHOLE, {"objective": "comfort"}, "--objective: "),
         (WHOLE, {"model": ""}, "--model: "),
         ([WHOLE], {}, "--request: must be a JSON object"),
@@ -120,10 +121,30 @@ def test_each_field_at_fault_has_a_line() -> None:
     assert [line.split(":")[0] for line in lines] == ["--seed", "/horizon"]
 
 
-@pytest.mark.parametrize("content", [b"{", b"", b"\xff\xfe\xfd", 10_000 * b"["])
-def test_a_file_that_is_not_json_is_said(content: bytes) -> None:
-    with pytest.raises(Failure, match="--request: not JSON"):
-        read_request(io.BytesIO(content), {})
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (b"{", "--request: not JSON: Expecting property name"),
+        (b"", "--request: not JSON: it is empty"),
+        (b"\xff\xfe\xfd", "--request: not UTF-8: byte 0xff at position 0"),
+        (10_000 * b"[", "--request: arrays and objects are nested too deeply"),
+        (b'{"system": {"time_step": 1, "time_step": 1}}', "/system/time_step: the key appears"),
+        (b'{"seed": 1, "seed": 2}', "/seed: the key appears more than once"),
+        (b'{"seed": 1e999}', "/seed: 1e999 is too large a number"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_told_why(content: bytes, fault: str) -> None:
+    with pytest.raises(Failure) as refused:
+        read_request(io.BytesIO(content), {"seed": 3})
+    assert refused.value.message.startswith(fault)
+
+
+def test_a_file_is_read_as_the_service_reads_a_body() -> None:
+    text = b'\xef\xbb\xbf{"target_state": [0.2, 0], "num_candidates": 4.0}'
+    request = read_request(io.BytesIO(text), {})
+    assert request == PlanRequest(
+        initial_state=(0.0, 0.0), target_state=(0.2, 0.0), num_candidates=4
+    )
 
 
 def test_without_a_file_there_must_be_a_target() -> None:

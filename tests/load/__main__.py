@@ -10,6 +10,7 @@ import httpx
 from rich.console import Console
 
 from tests.load.chaos import chaos
+from tests.load.large_answers import large_answers
 from tests.load.overload import overload
 from tests.load.verdict import Verdict
 
@@ -43,6 +44,15 @@ def chaos_command(minutes: float, seed: int) -> None:
     """Start a service, and treat it badly: clients hang up and send rubbish, models change."""
     with tempfile.TemporaryDirectory() as folder:
         _tell(asyncio.run(chaos(60 * minutes, seed, Path(folder))))
+
+
+@load.command("large-answers")
+@click.option(
+    "--clients", default=[16, 60], show_default=True, multiple=True, help="In each crowd."
+)
+def large_answers_command(clients: list[int]) -> None:
+    """Start a service, and ask for 17 MB at once: clients read, then they never do."""
+    _tell(asyncio.run(large_answers(clients)))
 
 
 def _tell(verdict: Verdict) -> None:

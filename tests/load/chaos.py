@@ -15,6 +15,8 @@ import httpx
 
 from app.launch import ServerProcess, launch
 from tests.load.client import PROBLEM, ROUTES, Answer, Metrics, ServiceClient
+from tests.load.connections import request_head
+from tests.load.large_clients import LargeClients
 from tests.load.probe import Probes, probing
 from tests.load.reference import TOLERANCE, Likeness, Pool
 from tests.load.rubbish import GOOD, RUBBISH, SILENT_SECONDS, Rubbish, bad_bytes, send_bytes
@@ -25,6 +27,7 @@ from tests.load.verdict import Verdict
 NUM_CLIENTS = 12
 NUM_QUESTIONS = 60
 SHARE_HANGING_UP, SHARE_RUBBISH, SHARE_BAD_MODELS = 0.2, 0.05, 0.04
+SEND_TIMEOUT_SECONDS = 2
 LONGEST_PATIENCE_SECONDS = 0.3
 """Of a client that hangs up."""
 RELOAD_SECONDS = (10.0, 20.0)
@@ -83,9 +86,10 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
     """
     store = ChangingStore(folder)
     log_file = folder / "server.log"
+    settings = ["--model-store", str(store.path), "--send-timeout-s", str(SEND_TIMEOUT_SECONDS)]
     with (
         log_file.open("wb") as output,
-        launch("app", "serve", "--model-store", str(store.path), output=output) as server,
+        launch("app", "serve", *settings, output=output) as server,
     ):
         async with ServiceClient(server.url) as service:
             pool = Pool(seed, NUM_QUESTIONS, longest=seconds / 100)
@@ -93,12 +97,15 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
             run = _Chaos(server, log_file, service, store, pool, seed)
             await run.replace_model()
             unlike += await pool.ask_all(service, store.version)
+            large_clients = LargeClients(service.connections.address, seed)
             before = await service.metrics()
             async with probing(server.url) as probes:
                 await run.go_on(min(LONGEST_WARM_UP_SECONDS, seconds / 4))
                 await asyncio.sleep(SETTLING_SECONDS)
                 warm = await service.metrics()
-                await run.go_on(seconds)
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(large_clients.go_on_until(perf_counter() + seconds))
+                    tasks.create_task(run.go_on(seconds))
                 await asyncio.sleep(SETTLING_SECONDS)
             after = await service.metrics()
             await asyncio.sleep(IDLE_SECONDS)
@@ -108,7 +115,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
         ending = server.end()
         verdict = Verdict(f"chaos: {NUM_CLIENTS} clients for {seconds:.0f} s")
         verdict.check(UNLIKE_TWICE, unlike)
-        _check(verdict, run.tally, before, after, probes)
+        _check(verdict, run.tally, large_clients, before, after, probes)
         verdict.check("not ready in the end", not is_ready)
         cores = (idle.cpu_seconds - after.cpu_seconds) / IDLE_SECONDS
         verdict.check("cores busy in the end", cores, IDLE_CORES)
@@ -194,7 +201,7 @@ class _Chaos:
     async def _hang_up(self) -> None:
         asked = self._rng.choice(self._pool.questions)
         body = json.dumps(asked.body).encode()
-        head = self._service.connections.head(asked.route, len(body), {})
+        head = request_head(asked.route, len(body), {})
         self.tally.events["hung up"] += 1
         patience = self._rng.uniform(0, LONGEST_PATIENCE_SECONDS)
         await send_bytes(*self._service.connections.address, head + body, patience)
@@ -277,7 +284,16 @@ class _Chaos:
         return self._log_file.read_text().count("changed or damaged")
 
 
-def _check(verdict: Verdict, tally: Tally, before: Metrics, after: Metrics, probes: Probes) -> None:
+def _check(
+    verdict: Verdict,
+    tally: Tally,
+    large_clients: LargeClients,
+    before: Metrics,
+    after: Metrics,
+    probes: Probes,
+) -> None:
+    for status, number in large_clients.statuses.items():
+        tally.answers["/plan", status] += number
     for check in SURPRISES:
         verdict.check(check, tally.surprises[check])
     failed_on_purpose = tally.events["broken models asked"]
@@ -292,6 +308,7 @@ def _check(verdict: Verdict, tally: Tally, before: Metrics, after: Metrics, prob
         "answers that only one side has counted", fewer.total() + more.total() - open_ended
     )
     verdict.check("requests counted of those that hung up", open_ended, unknown)
+    large_clients.check(verdict)
     verdict.check("/livez failed", probes.failures)
     statuses: Counter[int] = Counter()
     for (_, status), number in tally.answers.items():

@@ -23,6 +23,18 @@ class Response(NamedTuple):
     content: bytes
 
 
+def request_head(route: str, length: int, headers: dict[str, str]) -> bytes:
+    """Return the head of a request with a JSON body of `length` bytes."""
+    lines = {
+        "Host": "x",
+        "Content-Type": "application/json",
+        "Content-Length": str(length),
+        **headers,
+    }
+    fields = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
+    return f"POST {route} HTTP/1.1\r\n{fields}\r\n".encode()
+
+
 class Connections:
     """Connections to a service, kept for the next request.
 
@@ -46,7 +58,7 @@ class Connections:
         except OSError as error:
             raise NoAnswer(repr(error)) from error
         try:
-            writer.write(self.head(route, len(content), headers) + content)
+            writer.write(request_head(route, len(content), headers) + content)
             head = (await reader.readuntil(END_OF_HEAD)).decode("latin-1")
             first, *fields = head.removesuffix("\r\n\r\n").split("\r\n")
             pairs = (field.split(":", 1) for field in fields)
@@ -60,17 +72,6 @@ class Connections:
         else:
             self._idle.append((monotonic(), reader, writer))
         return Response(int(first.split()[1]), found, body)
-
-    def head(self, route: str, length: int, headers: dict[str, str]) -> bytes:
-        """Return the head of a request with a JSON body of `length` bytes."""
-        lines = {
-            "Host": self.address[0],
-            "Content-Type": "application/json",
-            "Content-Length": str(length),
-            **headers,
-        }
-        fields = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
-        return f"POST {route} HTTP/1.1\r\n{fields}\r\n".encode()
 
     async def _connection(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Return the connection that was used last, or a new one."""

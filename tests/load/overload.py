@@ -14,7 +14,8 @@ from typing import NamedTuple
 import psutil
 
 from tests.load.client import Answer, Metrics, ServiceClient
-from tests.load.probe import probing
+from tests.load.large_clients import ROUTE, LargeClients
+from tests.load.probe import PROBE_SECONDS, probing
 from tests.load.scenario import Question, question
 from tests.load.verdict import Verdict, percentile
 
@@ -23,7 +24,6 @@ NUM_CLIENTS = 16
 LONGEST_CALIBRATION_SECONDS = 25.0
 SETTLING_SECONDS = 2.0
 REJECTION_SECONDS = 0.020
-PROBE_SECONDS = 0.050
 GROWTH_MB = 50.0
 
 
@@ -86,13 +86,15 @@ async def overload(url: str, seconds: float, factor: float, seed: int) -> Verdic
         await _open_loop(service, rate, calibration, seed, indices)
         await asyncio.sleep(SETTLING_SECONDS)
         before = await service.metrics()
-        async with probing(url) as probes:
+        large_clients = LargeClients(service.connections.address, seed)
+        async with probing(url) as probes, asyncio.TaskGroup() as tasks:
+            tasks.create_task(large_clients.go_on_until(perf_counter() + seconds))
             load = await _open_loop(service, rate, seconds, seed, indices)
         await asyncio.sleep(SETTLING_SECONDS)
         after = await service.metrics()
 
     verdict = Verdict(f"{rate:.0f} requests a second for {seconds:.0f} s: {factor:g} x capacity")
-    _check_answers(verdict, load, before, after)
+    _check_answers(verdict, load, large_clients, before, after)
     slow = 1e3 * percentile(probes.latencies, 0.99)
     verdict.check("/livez, 99th percentile", slow, 1e3 * PROBE_SECONDS, "ms", is_timing=True)
     verdict.check("/livez failed", probes.failures)
@@ -160,9 +162,12 @@ def _busy_seconds() -> float:
     return float(times.user + times.nice + times.system)
 
 
-def _check_answers(verdict: Verdict, load: Load, before: Metrics, after: Metrics) -> None:
+def _check_answers(
+    verdict: Verdict, load: Load, large_clients: LargeClients, before: Metrics, after: Metrics
+) -> None:
     answers = [outcome.answer for outcome in load.outcomes]
     ours = Counter((answer.route, answer.status) for answer in answers)
+    ours += Counter({(ROUTE, status): n for status, n in large_clients.statuses.items()})
     theirs = Counter(after.answered) - Counter(before.answered)
     verdict.check("requests without an answer", len(load.of_status(0)))
     verdict.check("answers to something else", sum(not a.is_own for a in answers if a.status))
@@ -172,6 +177,7 @@ def _check_answers(verdict: Verdict, load: Load, before: Metrics, after: Metrics
     verdict.check("errors of the server (500 and others)", _errors(load))
     verdict.check("not ready (503)", len(load.of_status(503)))
     verdict.check("admitted and not in time (504)", len(load.of_status(504)), is_timing=True)
+    large_clients.check(verdict)
     rejections = [outcome.answer.latency for outcome in load.of_status(429)]
     if rejections:
         middle = 1e3 * percentile(rejections, 0.5)

@@ -8,8 +8,10 @@ from time import perf_counter
 
 import httpx
 
-PERIOD_SECONDS = 0.05
+PERIOD_SECONDS = 0.02
 TIMEOUT_SECONDS = 5.0
+PROBE_SECONDS = 0.05
+"""How soon 99 % of the answers have to come."""
 
 
 @dataclass

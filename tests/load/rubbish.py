@@ -29,11 +29,11 @@ def _changed(**fields: Any) -> bytes:
 
 RUBBISH = [
     Rubbish("no JSON", 400, b'{"initial_state": [0, 0], '),
-    Rubbish("nothing", 422, b""),
+    Rubbish("nothing", 400, b""),
     Rubbish("another kind of JSON", 422, b"[1, 2, 3]"),
     Rubbish("not UTF-8", 400, b'{"initial_state": "\xff\xfe"}'),
     Rubbish("nested too deep", 400, b"[" * 50_000),
-    Rubbish("a number of 10,000 digits", 400, b"[" + b"9" * 10_000 + b"]"),
+    Rubbish("a number of 10,000 digits", 422, b"[" + b"9" * 10_000 + b"]"),
     Rubbish("another type", 422, _changed(num_candidates="two")),
     Rubbish("NaN", 422, _changed(target_state=[float("nan"), 0.0])),
     Rubbish("infinity", 422, _changed(initial_state=[float("inf"), 0.0])),
@@ -47,7 +47,7 @@ RUBBISH = [
     Rubbish("too much", 422, _changed(num_candidates=4096, method="cem", horizon=1024)),
     Rubbish("no time", 422, _changed(deadline_ms=0)),
     Rubbish("a huge body", 413, b"x" * MEGABYTE),
-    Rubbish("another content type", 422, _changed(), content_type="text/plain"),
+    Rubbish("another content type", 415, _changed(), content_type="text/plain"),
     Rubbish("no such path", 404, _changed(), route="/plans"),
     Rubbish("a path that climbs", 404, _changed(), route="/../../etc/passwd"),
     Rubbish("the wrong verb", 405, b"", http_method="GET"),

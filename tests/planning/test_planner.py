@@ -222,7 +222,9 @@ def test_a_plan_stands_beside_its_floor(position: float, seed: int) -> None:
     assert result.gap >= 0.0
 
 
-def test_the_floor_is_computed_only_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_floor_is_computed_only_where_it_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Asked for, or where a refined plan does not arrive otherwise."""
+
     def refuse(*_: object) -> None:
         raise AssertionError("nobody asked for the floor")
 
@@ -232,7 +234,9 @@ def test_the_floor_is_computed_only_where_it_is_asked_for(monkeypatch: pytest.Mo
         single = planned(Recipe(DatasetPrior(), 4, refinement))
         assert single.reachability is None
         assert single.gap is None
-        composed = multistep(Recipe(DatasetPrior(), 4, refinement))
+        composed = multistep(
+            Recipe(DatasetPrior(), 4, refinement), targets=[np.array([0.2, 0.0]), np.zeros(2)]
+        )
         assert composed.mean_end_floor is None
         assert all(segment.reachability is None for segment in composed.segments)
 

@@ -14,7 +14,7 @@ import pytest
 from app.inference.engine import Tick
 from app.inference.model import Model
 from app.inference.pace import Pace
-from app.serving.admission import MARGIN, MARGIN_SECONDS, Admission, Work
+from app.serving.admission import MARGIN, MARGIN_SECONDS, WRITING_SECONDS, Admission, Pending, Work
 from app.serving.rates import CROWDED, MEMORY, PRIOR_ROWS, SECONDS_PER_STEP, Rates
 from app.serving.refusals import Refused
 from app.settings import Settings
@@ -38,6 +38,7 @@ def sampling(rows: int, seconds: float = 60) -> Work:
         rows_per_step=10,
         rollout_steps=0,
         kind="action_diffusion",
+        answer_bytes=0,
     )
 
 
@@ -49,6 +50,7 @@ def computing(takes: float, seconds: float = 60) -> Work:
         rows_per_step=2,
         rollout_steps=int(takes / SECONDS_PER_STEP),
         kind="cem",
+        answer_bytes=0,
     )
 
 
@@ -173,9 +175,42 @@ def test_what_is_pending_is_told_by_model(stack: ExitStack) -> None:
     admit(stack, admits, sampling(50))
     admit(stack, admits, computing(1))
 
-    assert admits.pending == {"fake/1": (2, 120), "none": (1, 0)}
+    assert admits.pending == {"fake/1": Pending(2, 120), "none": Pending(1, 0)}
     stack.close()
     assert admits.pending == {}
+
+
+def test_answers_are_counted_until_they_are_sent_and_bounded(stack: ExitStack) -> None:
+    admits = admission(max_pending_answer_bytes=1000)
+    work = replace(sampling(100), answer_bytes=600)
+    stack.enter_context(admits.answering(work))
+    stack.enter_context(admits.answering(replace(computing(1), answer_bytes=400)))
+    assert admits.pending == {"fake/1": Pending(0, 0, 600), "none": Pending(0, 0, 400)}
+
+    another = replace(sampling(100), answer_bytes=100)
+    with pytest.raises(Refused, match="with this one, 1100 bytes of answers") as refused:
+        stack.enter_context(admits.answering(another))
+    assert refused.value.reason == "queue_full"
+
+    work.answer_bytes = 500  # it became shorter than expected
+    admit(stack, admits, work)
+    with admits.answering(another):
+        assert admits.pending["fake/1"] == Pending(1, 100, 600)
+    assert admits.pending["fake/1"] == Pending(1, 100, 500)
+    stack.close()
+    assert admits.pending == {}
+
+
+def test_who_would_wait_too_long_behind_the_writing_of_answers_is_refused(
+    stack: ExitStack,
+) -> None:
+    admits = admission()
+    large = replace(computing(0.01), answer_bytes=int(1 / WRITING_SECONDS))
+    admit(stack, admits, large)
+    admit(stack, admits, computing(0.01, seconds=0.5))  # it has a lane of its own
+    with pytest.raises(Refused):
+        admit(stack, admits, computing(1, seconds=1.5))
+    admit(stack, admits, computing(1, seconds=2.5))
 
 
 def test_compiled_plans_wait_for_cores_and_not_for_the_network(stack: ExitStack) -> None:

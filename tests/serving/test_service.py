@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -12,10 +13,11 @@ from app.planning.objectives import OBJECTIVES
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.serving.admission import MARGIN, MARGIN_SECONDS
+from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.service import PlanningService
 from app.settings import Settings
-from app.wire.requests import PlanRequest
+from app.wire.requests import MultistepPlanRequest, PlanRequest
 from tests.inference.fakes import HORIZON, FakeNetwork, fake_model
 
 STIFF = replace(PlantRange.only(System()), static_friction=(1.0, 2.0), control_limit=(0.5, 3.0))
@@ -80,6 +82,22 @@ def test_the_first_refined_plan_of_the_usual_size_is_expected_within_fifty_milli
 
     seconds = Rates().seconds_of_steps(work.kind, work.rollout_steps)
     assert 0.001 < MARGIN * seconds + MARGIN_SECONDS < 0.05
+
+
+@pytest.mark.parametrize("include", [["candidates"], ["states"], ["states", "candidates"]])
+@pytest.mark.parametrize("kind", [PlanRequest, MultistepPlanRequest])
+def test_how_long_an_answer_will_be_is_known_before(
+    service: PlanningService, kind: type[PlanRequest | MultistepPlanRequest], include: list[str]
+) -> None:
+    state = [0.2, 0.0]
+    targets = {"target_state": state} if kind is PlanRequest else {"targets": [state] * 3}
+    body = {"initial_state": [0, 0], "method": "uniform", "horizon": 400, "include": include}
+    asked: Any = kind.model_validate(body | targets)
+    resolved = service.resolve(asked)
+
+    text = b"".join(json_parts(service.answer(resolved)))
+
+    assert resolved.work.answer_bytes == pytest.approx(len(text), rel=0.3)
 
 
 @pytest.mark.parametrize(("guidance_scale", "rows"), [(0, 8), (1, 8), (0.5, 16), (2, 16)])

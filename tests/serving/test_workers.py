@@ -26,7 +26,9 @@ MODEL = cast(Model, SimpleNamespace(label="fake/1", pace=Pace(16, 1e-6)))
 
 
 def compiled(rollout_steps: int = 1) -> Work:
-    return Work(0, model=None, rows_per_step=2, rollout_steps=rollout_steps, kind="cem")
+    return Work(
+        0, model=None, rows_per_step=2, rollout_steps=rollout_steps, kind="cem", answer_bytes=0
+    )
 
 
 def long_one() -> Work:
@@ -34,7 +36,9 @@ def long_one() -> Work:
 
 
 def with_network() -> Work:
-    return Work(1, model=MODEL, rows_per_step=2, rollout_steps=1, kind="action_diffusion")
+    return Work(
+        1, model=MODEL, rows_per_step=2, rollout_steps=1, kind="action_diffusion", answer_bytes=0
+    )
 
 
 async def never() -> None:

@@ -12,6 +12,8 @@ from app.planning.plant.system import Plant
 
 STUCK, BREAKING_AWAY, SLIDING, STOPPING = range(4)
 """The kinds of a step."""
+STOPPING_MARGIN = 1e-9
+"""m/s^2, beyond the control that would just stop the mass."""
 
 
 class Step(NamedTuple):
@@ -103,6 +105,29 @@ def sliding(direction: float, plant: Plant) -> Regime:
     if direction > 0.0:
         return Regime(sliding_retains(plant), -brake, fast)
     return Regime(sliding_retains(plant), -fast, brake)
+
+
+@compiled
+def control_towards(next_velocity: float, velocity: float, plant: Plant) -> float:
+    """Return the admissible control after which a mass with `velocity` is nearest to another one.
+
+    The inverse of `take_step`. At rest it is the least control that leaves the mass at rest; where
+    a sliding mass is to stop, one that stops it for certain.
+    """
+    change = (next_velocity - velocity) / plant.time_step
+    if abs(velocity) < plant.velocity_threshold:
+        if next_velocity == 0.0:
+            return 0.0
+        direction = math.copysign(1.0, change)
+        beyond = math.nextafter(plant.static_friction, math.inf)
+        control = direction * max(beyond, direction * change + plant.coulomb_friction)
+    else:
+        direction = math.copysign(1.0, velocity)
+        control = change + direction * plant.coulomb_friction + plant.viscous_damping * velocity
+        if next_velocity == 0.0:
+            # No push is needed to stop, and rounding must not leave it creeping.
+            control = direction * min(0.0, direction * control - STOPPING_MARGIN)
+    return min(plant.highest_control, max(plant.lowest_control, control))
 
 
 @compiled

@@ -402,3 +402,56 @@ def _is_below(y: float, v: float, line: FloatArray) -> bool:
             elif y <= _at(line, i, v):
                 return True
     return False
+
+
+@compiled
+def deepest(piece: Piece, y: float, low: float, high: float) -> tuple[float, float]:
+    """Return how deep inside a piece y lies at best, with `low` <= v <= `high`, and at which v.
+
+    The depth is the distance to the nearer end of the slice at v, negative outside; -inf where the
+    piece has no slice there.
+    """
+    upper, lower = piece.upper, piece.lower
+    low, high = max(low, upper[0, 0], lower[0, 0]), min(high, upper[-1, 0], lower[-1, 0])
+    if low > high:
+        return -math.inf, math.nan
+    best, at = -math.inf, math.nan
+    i, j = _count(upper, low, False), _count(lower, low, False)
+    v = low
+    while True:
+        depth = min(_highest(upper, v) - y, _highest(lower, v) + y)
+        if depth > best:
+            best, at = depth, v
+        if v >= high:
+            return best, at
+        # Up to the next row of either line both are straight: the depth peaks where they cross.
+        while i < upper.shape[0] and upper[i, 0] <= v:
+            i += 1
+        while j < lower.shape[0] and lower[j, 0] <= v:
+            j += 1
+        end = high
+        if i < upper.shape[0]:
+            end = min(end, upper[i, 0])
+        if j < lower.shape[0]:
+            end = min(end, lower[j, 0])
+        above_v, below_v = _at(upper, i - 1, v) - y, _at(lower, j - 1, v) + y
+        above_end, below_end = _at(upper, i - 1, end) - y, _at(lower, j - 1, end) + y
+        before, after = above_v - below_v, above_end - below_end
+        if before * after < 0.0:
+            share = before / (before - after)
+            depth = above_v + share * (above_end - above_v)
+            if depth > best:
+                best, at = depth, v + share * (end - v)
+        v = end
+
+
+@compiled
+def _highest(line: FloatArray, v: float) -> float:
+    """Return the height of `line` at a `v` that it has, at a jump that of its upper end."""
+    begin, end = _count(line, v, False), _count(line, v, True)
+    if begin == end:
+        return _at(line, begin - 1, v)
+    highest = float(line[begin, 1])
+    for i in range(begin + 1, end):
+        highest = max(highest, line[i, 1])
+    return highest

@@ -117,7 +117,7 @@ def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tup
     target_p, target_v = task.target_position, task.target_velocity
     # What is reached from a standstill is its own mirror image: half of it tells all.
     symmetric = task.velocity == 0.0 and is_symmetric(task.plant)
-    states = _standing_still() if task.velocity == 0.0 else _moving(task.velocity)
+    states = start_of(task)
     first, nearest = -1, Nearest(math.inf, 0.0, 0.0)
     for n in range(horizon + 1):
         if stopped[0]:
@@ -139,19 +139,15 @@ def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tup
 
 
 @compiled
-def _moving(velocity: float) -> ReachableSet:
-    """Return the set of one state that moves, at zero."""
-    line = np.zeros((1, 2))
-    line[0, 0] = velocity
+def start_of(task: Task) -> ReachableSet:
+    """Return the set of the initial state alone, at position zero."""
     pieces = no_pieces()
+    if task.velocity == 0.0:
+        return ReachableSet(pieces, np.zeros((1, 2)))
+    line = np.zeros((1, 2))
+    line[0, 0] = task.velocity
     add(pieces, Piece(line, line))
     return ReachableSet(pieces, np.empty((0, 2)))
-
-
-@compiled
-def _standing_still() -> ReachableSet:
-    """Return the set of one state at rest, at zero."""
-    return ReachableSet(no_pieces(), np.zeros((1, 2)))
 
 
 @compiled

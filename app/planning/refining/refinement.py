@@ -5,6 +5,7 @@ them is in gauss_newton.py, other motions in repair.py, energy and smoothness in
 stuck steps in waiting.py.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -17,6 +18,8 @@ from app.planning.objectives import STUCK_STEPS, TERMINAL_ERROR, TOLERANCE, Obje
 from app.planning.options import Options
 from app.planning.plant.task import Task
 from app.planning.problem import Cost, Problem
+from app.planning.reachable.reachability import Reachability, reachability
+from app.planning.reachable.trace import trace
 from app.planning.refining.gauss_newton import EXACT, arrive, terminal_error_of
 from app.planning.refining.null_space import descend
 from app.planning.refining.repair import overwrite_best_window, switching_sequences
@@ -30,6 +33,8 @@ WINDOWS = (16, 32, 64)
 """Windows are moved by a 16th, a 32nd and at last a 64th of the horizon."""
 MAX_WINDOWS = 6
 """Windows overwritten of each size."""
+AT_THE_FLOOR = 1e-9
+"""A plan this near to the floor, m and m/s, is as good as one can be."""
 WINDOW_ROLLOUTS = sum(3 * windows * (windows + 1) // 2 for windows in WINDOWS)
 """To try every window of each size once: three controls from every begin to every end."""
 WINDOW_SHARE = 3
@@ -88,6 +93,7 @@ def refine(
     options: Refinement,
     objective: Objective = TERMINAL_ERROR,
     stop: Stop = NEVER,
+    measure: Callable[[], Reachability] | None = None,
 ) -> Refined:
     """Lower the terminal errors of candidates `controls` (K, H), clipped to the bounds first.
 
@@ -99,8 +105,10 @@ def refine(
     moves, the mass stops too early or leaves in the wrong direction. If none has arrived, `repair`
     descends from the sequences of three stretches that end nearest to the target (accelerate,
     coast, brake) and puts the best of them in the place of the worst refined candidate; then it
-    overwrites windows of the best one with full or no control as long as that helps. Every change
-    is kept only where the true rollout improves.
+    overwrites windows of the best one with full or no control as long as that helps. Where that
+    does not arrive either, a plan is traced back through the reachable set (reachable/trace.py): it
+    ends on the floor, wherever that is exact. Every change is kept only where the true rollout
+    improves.
 
     With an objective that is a sum of squares the candidates that arrive equally well then descend
     it without leaving their terminal states (null_space.py), so that each is locally the least of
@@ -114,31 +122,34 @@ def refine(
         options: how much to spend.
         objective: what to want among plans that arrive.
         stop: ends the refinement early.
+        measure: returns the problem's reachability, if somebody else wants to know it as well.
 
     Raises:
         Stopped: `stop` said so.
     """
     plant = problem.system.plant
+    task, iterations = problem.task, options.iterations
     refined = np.clip(controls, plant.lowest_control, plant.highest_control, dtype=np.float64)
     scores = Scores(np.empty(len(refined)), np.zeros(len(refined), dtype=np.bool_))
     num_refined = min(options.num_refined or len(refined), len(refined))
-    errors_before, rollouts = _refine(
-        refined,
-        scores,
-        problem.task,
-        options.iterations,
-        num_refined,
-        options.repair,
-        objective is TERMINAL_ERROR,
-        stop.flag,
+    one_is_enough = objective is TERMINAL_ERROR
+    errors_before, chosen, rollouts = _descend(
+        refined, scores, task, iterations, num_refined, one_is_enough, stop.flag
     )
+    if options.repair and scores.errors.min() > EXACT:
+        rollouts += _repair(refined, scores, chosen, task, iterations, stop.flag)
+    if options.repair and scores.errors.min() > EXACT:
+        bound = (measure or (lambda: reachability(problem, stop)))()
+        if scores.errors.min() > bound.floor + AT_THE_FLOOR:
+            traced = trace(problem, bound, stop)
+            error, spent = arrive(traced, task, iterations, stop.flag)
+            _take_over(refined, scores, chosen, traced, error)
+            rollouts += spent
     arrived = np.flatnonzero(scores.errors <= scores.errors.min() + TOLERANCE)
     if objective.sum_of_squares:
         differences = objective.sum_of_squares == "differences"
         for i in arrived:
-            scores.errors[i], spent = descend(
-                refined[i], problem.task, differences, options.iterations, stop.flag
-            )
+            scores.errors[i], spent = descend(refined[i], task, differences, iterations, stop.flag)
             rollouts += spent
     elif objective is STUCK_STEPS:
         refined[arrived], scores.errors[arrived] = wait_at_the_end(problem, refined[arrived])
@@ -157,20 +168,19 @@ class Scores(NamedTuple):
 
 
 @compiled
-def _refine(
+def _descend(
     controls: FloatArray,
     scores: Scores,
     task: Task,
     iterations: int,
     num_refined: int,
-    repair: bool,
     one_is_enough: bool,
     stopped: Flag,
-) -> tuple[FloatArray, int]:
-    """Refine `controls` (K, H) in place, and fill their scores.
+) -> tuple[FloatArray, IntArray, int]:
+    """Descend from `controls` (K, H) in place, and fill their scores.
 
     Returns:
-        The terminal errors before, (K,), and the rollouts.
+        The terminal errors before, (K,), which candidates were chosen to descend, and the rollouts.
     """
     errors = scores.errors
     for i in range(len(controls)):
@@ -183,9 +193,7 @@ def _refine(
         rollouts += spent
         if (errors[i] <= EXACT and one_is_enough) or stopped[0]:
             break
-    if repair and errors.min() > EXACT and not stopped[0]:
-        rollouts += _repair(controls, scores, chosen, task, iterations, stopped)
-    return errors_before, rollouts
+    return errors_before, chosen, rollouts
 
 
 @compiled
@@ -199,16 +207,25 @@ def _repair(
 ) -> int:
     """Try other motions in the place of the `chosen` candidates; return the rollouts."""
     errors, replaced = scores.errors, scores.replaced
-    worst = chosen[np.argmax(errors[chosen])]
     restart, error, rollouts = _restart(controls.shape[1], task, iterations, stopped)
-    if error < errors[worst]:
-        copy_into(controls[worst], restart)
-        errors[worst], replaced[worst] = error, True
+    _take_over(controls, scores, chosen, restart, error)
     best = chosen[np.argmin(errors[chosen])]
     error, spent = _overwrite_windows(controls[best], errors[best], task, iterations, stopped)
     if error < errors[best]:
         errors[best], replaced[best] = error, True
     return rollouts + spent
+
+
+@compiled
+def _take_over(
+    controls: FloatArray, scores: Scores, chosen: IntArray, other: FloatArray, error: float
+) -> None:
+    """Put `other` (H,) in the place of the worst chosen candidate, if it ends nearer."""
+    errors, replaced = scores.errors, scores.replaced
+    worst = chosen[np.argmax(errors[chosen])]
+    if error < errors[worst]:
+        copy_into(controls[worst], other)
+        errors[worst], replaced[worst] = error, True
 
 
 @compiled

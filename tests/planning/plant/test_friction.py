@@ -17,6 +17,7 @@ from app.planning.plant.friction import (
     Regime,
     Step,
     breaking_away,
+    control_towards,
     counts_as_stuck,
     is_symmetric,
     sliding,
@@ -354,3 +355,17 @@ def test_the_regimes_of_a_mirrored_plant_are_the_mirror_images(
         assert regime(-direction, mirrored(plant)) == (retained, -high, -low)
     assert is_symmetric(plant) == (mirrored(plant) == plant)
     assert is_symmetric(plant._replace(lowest_control=-2.0, highest_control=2.0))
+
+
+@given(velocity=velocities_near_rest, control=controls, system=systems())
+def test_the_control_towards_what_a_step_does_does_it_again(
+    velocity: float, control: float, system: System
+) -> None:
+    plant = system.plant
+    control = min(plant.highest_control, max(plant.lowest_control, control))
+    after = take_step(velocity, control, plant).next_velocity
+
+    again = control_towards(after, velocity, plant)
+
+    assert plant.lowest_control <= again <= plant.highest_control
+    assert take_step(velocity, again, plant).next_velocity == pytest.approx(after, abs=1e-9)

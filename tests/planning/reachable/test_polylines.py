@@ -14,6 +14,7 @@ from app.planning.reachable.polylines import (
     Piece,
     cut,
     cut_piece,
+    deepest,
     extent,
     image,
     is_empty,
@@ -178,3 +179,23 @@ def test_what_is_farther_than_asked_for_is_not_looked_for() -> None:
 
     assert nearest_in_piece(3.0, 0.5, Piece(line, line), 1.0).distance == math.inf
     assert nearest_in_piece(3.0, 0.5, Piece(line, line), 2.0).distance == 2.0
+
+
+@given(piece=pieces(), y=st.floats(-3, 3), ends=st.tuples(coordinates, coordinates))
+def test_the_deepest_point_is_no_less_deep_than_any_other(
+    piece: Piece, y: float, ends: tuple[float, float]
+) -> None:
+    low, high = min(ends), max(ends)
+    depth, at = deepest(piece, y, low, high)
+
+    def depth_at(v: float) -> float:
+        return min(height(piece.upper, v) - y, height(piece.lower, v) + y)
+
+    assert low <= at <= high
+    assert depth == pytest.approx(depth_at(at), abs=ROUNDING)
+    assert depth >= max(depth_at(v) for v in np.linspace(low, high, 200)) - ROUNDING
+
+
+def test_nothing_is_deep_in_a_piece_that_is_elsewhere() -> None:
+    line = np.array([[0.0, 1.0], [1.0, 1.0]])
+    assert deepest(Piece(line, line), 0.0, 1.5, 2.0)[0] == -math.inf

@@ -1,0 +1,217 @@
+"""A plan out of the reachable set: from its state nearest to the target back to the start.
+
+Every state of the set at a step has predecessors in the set one step earlier. A chain of them is a
+plan, and ends on the floor by construction.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from app.compilation import compiled
+from app.planning.arrays import FloatArray
+from app.planning.plant.friction import (
+    breaking_away,
+    control_towards,
+    is_symmetric,
+    sliding,
+    take_step,
+)
+from app.planning.plant.system import Plant
+from app.planning.plant.task import Task
+from app.planning.problem import Problem
+from app.planning.reachable.polylines import Piece, deepest, mirrored
+from app.planning.reachable.reachability import Reachability, start_of
+from app.planning.reachable.regimes import DIRECTIONS, advance
+from app.planning.stop import NEVER, Flag, Stop
+
+
+def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArray:
+    """Return controls (H,), m/s^2, that end in `bound.nearest_state`, to within rounding.
+
+    Backward in time a step's next velocity w gives its predecessor's position at once, since
+    p' = p + dt*w; of the velocities v that the set holds there, and from which some control leads
+    to w, the one deepest inside the set is taken, so that rounding does not lead out of it.
+    Forward in time the controls follow from the velocities.
+
+    Where the target is reached in fewer than H steps, the rest is waited: at the start if that is
+    at rest, at the target otherwise.
+
+    Args:
+        problem: start, target, plant and horizon H.
+        bound: of the same problem.
+        stop: ends it early.
+
+    Raises:
+        Stopped: `stop` said so.
+    """
+    task = problem.task
+    can_wait = task.velocity == 0.0 or task.target_velocity == 0.0
+    steps = problem.horizon
+    if can_wait and bound.minimum_steps is not None:
+        steps = bound.minimum_steps
+    end_p, end_v = bound.nearest_state
+    displaced = task._replace(position=0.0, target_position=end_p - task.position)
+    displaced = displaced._replace(target_velocity=end_v)
+    moving = _trace(displaced, steps, stop.flag)
+    stop.check()
+    controls = np.zeros(problem.horizon)
+    begin = problem.horizon - steps if task.velocity == 0.0 else 0
+    controls[begin : begin + steps] = moving
+    return controls
+
+
+ROUNDING = 1e-10
+"""Relative; what it does to velocities on the way, in m/s."""
+OUTSIDE = 1e-9
+"""This far outside of the set, m, a state counts as in it."""
+
+
+class _Sets(NamedTuple):
+    """The reachable sets of all steps, one after the other."""
+
+    uppers: list[FloatArray]
+    lowers: list[FloatArray]
+    """Of all pieces."""
+    rests: list[FloatArray]
+    """One array a step."""
+    begins: list[int]
+    """Where the pieces of each step begin, and of one more."""
+
+
+class _Way(NamedTuple):
+    """A velocity from which a step can come."""
+
+    depth: float
+    """How far inside the set it lies, m; negative outside."""
+    velocity: float
+
+
+@compiled
+def _trace(task: Task, steps: int, stopped: Flag) -> FloatArray:
+    """Return the controls (N,) that lead to the target in N `steps`; positions start at zero."""
+    plant = task.plant
+    symmetric = task.velocity == 0.0 and is_symmetric(plant)
+    sets = _propagate(task, steps, symmetric, stopped)
+    velocities = np.empty(steps + 1)
+    velocities[steps] = task.target_velocity
+    position = task.target_position
+    for n in range(steps - 1, -1, -1):
+        if stopped[0]:
+            return np.zeros(steps)
+        position -= plant.time_step * velocities[n + 1]
+        velocities[n] = _predecessor(sets, n, position, velocities[n + 1], symmetric, plant)
+    controls = np.empty(steps)
+    velocity = task.velocity
+    for n in range(steps):
+        controls[n] = control_towards(velocities[n + 1], velocity, plant)
+        velocity = take_step(velocity, controls[n], plant).next_velocity
+    return controls
+
+
+@compiled
+def _propagate(task: Task, steps: int, symmetric: bool, stopped: Flag) -> _Sets:
+    states = start_of(task)
+    uppers, lowers = states.pieces.uppers.copy(), states.pieces.lowers.copy()
+    rests, begins = [states.rests], [0, len(uppers)]
+    for _ in range(steps - 1):
+        if stopped[0]:
+            break
+        states = advance(states, symmetric, task.plant)
+        uppers.extend(states.pieces.uppers)
+        lowers.extend(states.pieces.lowers)
+        rests.append(states.rests)
+        begins.append(len(uppers))
+    return _Sets(uppers, lowers, rests, begins)
+
+
+@compiled
+def _predecessor(
+    sets: _Sets, n: int, position: float, after: float, symmetric: bool, plant: Plant
+) -> float:
+    """Return a velocity at step `n` and `position` from which a step leads to velocity `after`.
+
+    A velocity may lie just beyond a piece's end, a jump of its edge or what a control can do, by
+    rounding alone: where there is none otherwise, windows are a little wider.
+    """
+    best = _Way(-math.inf, 0.0)
+    for slack in (0.0, ROUNDING):
+        best = _from_rest(sets.rests[n], position, after, plant)
+        for i in range(sets.begins[n], sets.begins[n + 1]):
+            piece = Piece(sets.uppers[i], sets.lowers[i])
+            best = _from_piece(best, piece, position, after, slack, plant)
+            if symmetric:
+                best = _from_piece(best, mirrored(piece), position, after, slack, plant)
+        if best.depth > -OUTSIDE:
+            break
+    return best.velocity
+
+
+@compiled
+def _from_rest(rests: FloatArray, position: float, after: float, plant: Plant) -> _Way:
+    """Return the way from a state at rest, v = 0."""
+    excess = abs(after)  # of what no control does
+    for direction in DIRECTIONS:
+        regime = breaking_away(direction, plant)
+        if regime.low <= regime.high:
+            excess = min(excess, max(regime.low - after, after - regime.high, 0.0))
+    depth = -math.inf
+    for rest in rests:
+        depth = max(depth, min(position - rest[0], rest[1] - position))
+    return _Way(depth if excess <= 0.0 else min(depth, -excess), 0.0)
+
+
+@compiled
+def _from_piece(
+    best: _Way, piece: Piece, position: float, after: float, slack: float, plant: Plant
+) -> _Way:
+    """Return the better of `best` and the ways from a piece, through each regime."""
+    # Rounding must not carry a velocity across the edge between rest and motion.
+    slowest = (1.0 + ROUNDING) * plant.velocity_threshold
+    fastest_rest = (1.0 - ROUNDING) * plant.velocity_threshold
+    band = Window(-fastest_rest, fastest_rest)
+    anything = Window(-math.inf, math.inf)
+    if after == 0.0:
+        best = _better(best, piece, position, anything, band, slack)
+    for direction in DIRECTIONS:
+        regime = breaking_away(direction, plant)
+        if regime.low <= regime.high:
+            window = Window(after - regime.high, after - regime.low)
+            best = _better(best, piece, position, window, band, slack)
+        if after * direction < 0.0:
+            continue
+        regime = sliding(direction, plant)
+        low, high = (after - regime.high) / regime.retained, (after - regime.low) / regime.retained
+        if direction > 0.0:
+            # Friction stops the mass, whatever the control makes of it.
+            window = Window(-math.inf if after == 0.0 else low, high)
+            best = _better(best, piece, position, window, Window(slowest, math.inf), slack)
+        else:
+            window = Window(low, math.inf if after == 0.0 else high)
+            best = _better(best, piece, position, window, Window(-math.inf, -slowest), slack)
+    return best
+
+
+class Window(NamedTuple):
+    """Velocities from `low` to `high`, m/s."""
+
+    low: float
+    high: float
+
+
+@compiled
+def _better(
+    best: _Way, piece: Piece, position: float, window: Window, regime: Window, slack: float
+) -> _Way:
+    """Return the better of `best` and the deepest way from a piece, in a window and a regime."""
+    slack = slack * (1.0 + abs(piece.upper[0, 0]) + abs(piece.upper[-1, 0]))
+    low, high = max(window.low - slack, regime.low), min(window.high + slack, regime.high)
+    if low > piece.upper[-1, 0]:
+        low -= slack
+    if high < piece.upper[0, 0]:
+        high += slack
+    if low > high:
+        return best
+    depth, velocity = deepest(piece, position, low, high)
+    return _Way(depth, velocity) if depth > best.depth else best

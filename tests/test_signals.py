@@ -22,16 +22,16 @@ LONG = {
     "initial_state": [0, 0],
     "target_state": [0.5, 0],
     "method": {"name": "cem", "iterations": 1000},
-    "num_candidates": 1500,
+    "num_candidates": 800,
     "seed": 1,
 }
-"""A second or more."""
+"""Half a second or more."""
 VERY_LONG = LONG | {"num_candidates": 4000, "horizon": 400}
 """A minute."""
 SAMPLED = {
     "initial_state": [0, 0],
     "target_state": [0.5, 0],
-    "num_candidates": 400,
+    "num_candidates": 200,
     "method": {"name": "action_diffusion", "sampler": "ddim", "steps": 100},
     "seed": 1,
 }

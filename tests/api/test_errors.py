@@ -229,8 +229,8 @@ def test_nothing_that_can_be_sent_is_a_server_error(
 
 
 def test_a_full_queue_says_when_to_come_back(model_store: Path) -> None:
-    method = {"name": "action_diffusion", "sampler": "ddim", "steps": 200}
-    large = {"method": method, "num_candidates": 512}
+    method = {"name": "action_diffusion", "sampler": "ddim", "steps": 100}
+    large = {"method": method, "num_candidates": 256}
     with serving(Settings(model_store=model_store, max_pending=1)) as client:
         wait_until_ready(client)
         answers: list[httpx.Response] = []

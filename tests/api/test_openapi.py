@@ -34,7 +34,7 @@ def url(model_store: Path) -> Iterator[str]:
 
 
 @page.parametrize()
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 def test_every_answer_is_one_that_the_page_documents(
     case: schemathesis.Case[Any], url: str
 ) -> None:

@@ -272,6 +272,8 @@ def test_a_request_of_several_samplings_shares_the_network_with_others(
     for (result, rows_left), (expected, _) in zip(together, alone, strict=True):
         np.testing.assert_array_equal(result, expected)
         assert rows_left == 0
+    # The last batch is reported after its last request is done.
+    engine.close()
     assert sum(tick.rows for tick in ticks) == 2 * 8 * len(targets) * 2 * num_candidates * steps
 
 
@@ -323,6 +325,8 @@ def test_a_small_request_is_done_long_before_a_large_one_that_came_earlier(
     network.let_all()
 
     assert [request.controls.shape for request in requests] == [(200, 8), (4, 8)]
+    # Whoever waits for a request is woken before its end is noted.
+    engine.close()
     # After the batch that was under way, one for each step of the small one.
     assert ends["small"] == 3
     assert ends["large"] >= large.rows // ROWS_AT_ONCE

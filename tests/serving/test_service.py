@@ -9,8 +9,10 @@ import pytest
 from app.inference.engine import Engine
 from app.inference.model import Model
 from app.inference.model_store import ModelStore, UnfitModel
+from app.planning.objectives import OBJECTIVES
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
+from app.serving.admission import MARGIN, MARGIN_SECONDS
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.service import PlanningService
@@ -70,6 +72,16 @@ def test_what_the_named_model_does_not_cover_is_refused_with_what_it_covers(
     assert str(refusal.value) == (
         f"stiff/1 was trained for plants with {STIFF}, and horizon {HORIZON}"
     )
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_the_first_refined_plan_of_the_usual_size_is_expected_within_fifty_milliseconds(
+    service: PlanningService, objective: str
+) -> None:
+    work = service.resolve(request(method="dataset_prior", refine=True, objective=objective)).work
+
+    seconds = Rates().seconds_of_steps(work.kind, work.rollout_steps)
+    assert 0.001 < MARGIN * seconds + MARGIN_SECONDS < 0.05
 
 
 @pytest.mark.parametrize("include", [["candidates"], ["states"], ["states", "candidates"]])

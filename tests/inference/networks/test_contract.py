@@ -59,7 +59,7 @@ def last_bits(kind: Kind) -> float:
     return 0.0 if kind is CompiledNetwork else 1e-6
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def checkpoint(random_unet: RandomUNet, read: Read) -> Checkpoint:
     return read(random_unet())
 

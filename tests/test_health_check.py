@@ -9,6 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from app.launch import START_SECONDS
 from app.settings import Settings
 from tests.served import serving, wait_until_ready
 from tests.test_environment import INJECTED
@@ -44,7 +45,7 @@ def test_an_injected_port_stands_for_the_usual_one() -> None:
     except OSError:
         pytest.skip("something else is at the usual port")
     with listener, subprocess.Popen(command, env=os.environ | INJECTED) as process:
-        listener.settimeout(30)
+        listener.settimeout(START_SECONDS)
         connection, _ = listener.accept()
         with connection:
             assert connection.recv(65536).startswith(b"GET /readyz ")

@@ -182,7 +182,7 @@ def send(service: httpx.Client, *parts: bytes) -> list[tuple[int, dict[str, str]
     """
     received = b""
     address = (service.base_url.host, service.base_url.port)
-    with socket.create_connection(address, timeout=5) as connection:
+    with socket.create_connection(address, timeout=START_SECONDS) as connection:
         for part in parts:
             connection.sendall(part)
             sleep(0.1)

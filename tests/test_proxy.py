@@ -17,7 +17,7 @@ import pytest
 import trustme
 from fastapi import Request
 
-from app.launch import free_port
+from app.launch import START_SECONDS, free_port
 from app.main import create_app
 from app.settings import Settings
 from tests.served import running, wait_until
@@ -121,7 +121,7 @@ def proxy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxy]:
         command = [NGINX, "-p", str(folder), "-c", "nginx.conf", "-e", "stderr"]
         with (
             subprocess.Popen(command) as nginx,
-            httpx.Client(verify=trusting, timeout=60) as client,
+            httpx.Client(verify=trusting, timeout=START_SECONDS) as client,
         ):
             try:
                 proxy = Proxy(client, ports)

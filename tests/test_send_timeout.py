@@ -10,6 +10,7 @@ import pytest
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from app.launch import START_SECONDS
 from app.settings import Settings
 from tests.served import running, wait_until
 
@@ -40,7 +41,7 @@ def connected(address: tuple[str, int]) -> Iterator[socket.socket]:
     """Connect with so small a buffer that the server notices who does not read."""
     with socket.socket() as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVED_AT_ONCE)
-        connection.settimeout(30)
+        connection.settimeout(START_SECONDS)
         connection.connect(address)
         yield connection
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
+from app.launch import START_SECONDS
 from app.settings import Settings
 from tests.served import serving
 
@@ -29,7 +30,7 @@ def status_of(client: httpx.Client, target: str, key: str = "") -> int:
     lines = [f"GET {target} HTTP/1.1", "Host: x", "Connection: close"]
     lines += [f"Authorization: Bearer {key}"] if key else []
     address = (client.base_url.host, client.base_url.port)
-    with socket.create_connection(address, timeout=5) as connection:
+    with socket.create_connection(address, timeout=START_SECONDS) as connection:
         connection.sendall("\r\n".join([*lines, "", ""]).encode())
         return int(connection.recv(65536).split(b" ")[1])
 

@@ -19,6 +19,7 @@ import pytest
 
 from app.api.sending import accepts_gzip, make_body
 from app.client import PlannerClient, PlanRequest
+from app.launch import START_SECONDS
 from app.planning.stop import Stop
 from app.serving.refusals import DeadlineExceeded
 from app.settings import Settings
@@ -60,7 +61,7 @@ def asked(client: httpx.Client, body: dict[str, Any]) -> Iterator[socket.socket]
     )
     with socket.socket() as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVED_AT_ONCE)
-        connection.settimeout(30)
+        connection.settimeout(START_SECONDS)
         connection.connect((client.base_url.host, client.base_url.port))
         connection.sendall(head.encode() + content)
         yield connection

@@ -33,7 +33,9 @@ def test_it_is_short() -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [ROOT / "README.md", *sorted(ROOT.glob("[amt]*/**/README.md"))], ids=str
+    "page",
+    [ROOT / "README.md", REPORT / "report.md", *sorted(ROOT.glob("[amt]*/**/README.md"))],
+    ids=str,
 )
 def test_every_link_leads_somewhere(page: Path) -> None:
     links = re.findall(r"\]\((?!https?://)([^)#]+)\)", page.read_text())

@@ -21,19 +21,17 @@ INTERRUPTED = 130
 log = logging.getLogger("training")
 
 
-@click.command()
+@click.command(context_settings={"show_default": True})
 @click.option(
     "--config",
     type=click.Path(dir_okay=False, path_type=Path),
     default=DEFAULT_CONFIG,
-    show_default=True,
     help="TOML file with a name, and what differs from the default configuration.",
 )
 @click.option(
     "--model-store",
     type=click.Path(file_okay=False, path_type=Path),
     default="model_store",
-    show_default=True,
     help="Where the finished model is published.",
 )
 @click.option(
@@ -46,12 +44,9 @@ def main(config: Path, model_store: Path, run_directory: Path | None) -> None:
     try:
         settings = TrainingConfig.read(config)
         version_directory(model_store, settings)
-    except (OSError, tomllib.TOMLDecodeError, ValidationError) as error:
-        sys.exit(f"cannot train: {error}")
-    directory = run_directory or Path(".training") / f"{settings.name}-{settings.version}"
-    try:
+        directory = run_directory or Path(".training") / f"{settings.name}-{settings.version}"
         log_file = _log_to(directory)
-    except OSError as error:
+    except (OSError, tomllib.TOMLDecodeError, ValidationError) as error:
         sys.exit(f"cannot train: {error}")
     matplotlib.use("Agg")
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -5,7 +5,7 @@ from time import perf_counter
 
 import numpy as np
 
-from app.evaluation.tasks import random_sequences
+from app.evaluation.tasks import sequence_tasks
 from app.inference.engine import EngineProposal
 from app.planning.methods import ActionDiffusion, Learned
 from app.planning.planner import plan_multistep
@@ -21,7 +21,8 @@ SEQUENCES = 100
 def quick_plans(proposal: EngineProposal, horizon: int) -> str:
     """Plan the random multi-step task; return an item of a Markdown list."""
     errors, floors, times = [], [], []
-    for index, targets in enumerate(random_sequences(SEQUENCES, seed=0)):
+    for index, task in enumerate(sequence_tasks(SEQUENCES, seed=0)):
+        targets = task["targets"]
         rng = np.random.default_rng(index)
         started = perf_counter()
         result = plan_multistep(

@@ -19,7 +19,7 @@ ARRIVAL_SECONDS = 30.0
 """How long an evaluation waits for a service that it has not yet seen."""
 
 
-@click.command()
+@click.command(context_settings={"show_default": True})
 @click.argument("suites", nargs=-1, metavar="[SUITE]...")
 @click.option("--url", help="A running service.  [default: one in this process]")
 @click.option(
@@ -32,7 +32,6 @@ ARRIVAL_SECONDS = 30.0
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default="evaluation",
-    show_default=True,
     help="Keeps answers and report; an interrupted evaluation goes on there.",
 )
 @click.option("--quick", is_flag=True, help="Sizes cut down to a minute; the numbers mean little.")
@@ -41,7 +40,6 @@ ARRIVAL_SECONDS = 30.0
     type=click.IntRange(min=0),
     metavar="INTEGER",
     default=0,
-    show_default=True,
     help="Decides the tasks and all random draws.",
 )
 @click.option(
@@ -49,7 +47,6 @@ ARRIVAL_SECONDS = 30.0
     type=click.IntRange(min=1),
     metavar="INTEGER",
     default=1,
-    show_default=True,
     help="Requests under way at once; with more than one, times suffer.",
 )
 def evaluate(
@@ -79,7 +76,7 @@ def evaluate(
     from app.serving.kernels import NETWORK, PLANNING, prepare
 
     if unknown := sorted(set(suites) - SUITES.keys()):
-        there_are = "\n".join(f"{name:22}{suite.purpose}" for name, suite in SUITES.items())
+        there_are = "\n".join(f"{name:22}{suite.__doc__}" for name, suite in SUITES.items())
         raise Failure(f"no suite {', '.join(unknown)}; there are\n{there_are}")
     chosen = [SUITES[name](seed, quick) for name in SUITES if name in (suites or SUITES)]
     try:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 STANDARD_OUTPUT = Path("-")
+STATE: dict[str, Any] = {"type": float, "nargs": 2, "metavar": "P V"}
+FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
 
 
 @click.command()
@@ -28,19 +30,9 @@ STANDARD_OUTPUT = Path("-")
     help="JSON as for POST /plan, or with targets for POST /plan_multistep; - is standard input.",
 )
 @click.option(
-    "--initial-state",
-    type=float,
-    nargs=2,
-    metavar="P V",
-    help="Position (m) and velocity (m/s) at the start.  [default: 0 0]",
+    "--initial-state", **STATE, help="Position (m) and velocity (m/s) at the start.  [default: 0 0]"
 )
-@click.option(
-    "--target-state",
-    type=float,
-    nargs=2,
-    metavar="P V",
-    help="Position (m) and velocity (m/s) to reach.",
-)
+@click.option("--target-state", **STATE, help="Position (m) and velocity (m/s) to reach.")
 @click.option(
     "--method",
     metavar="NAME|JSON",
@@ -73,16 +65,10 @@ STANDARD_OUTPUT = Path("-")
 @click.option(
     "--json",
     "json_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
+    **FILE,
     help="Write the answer as the service sends it; - is standard output.",
 )
-@click.option(
-    "--picture",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Draw a plan to one target (.png, .pdf, .svg).",
-)
+@click.option("--picture", **FILE, help="Draw a plan to one target (.png, .pdf, .svg).")
 def plan(
     request_file: BinaryIO | None, json_file: Path | None, picture: Path | None, **fields: Any
 ) -> None:

@@ -4,17 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from app.evaluation.question import Entrant
-from app.evaluation.statistics import Interval, paired_difference
-
-Unit: TypeAlias = Literal["task", "run"]
-"""The column of what statistics are over."""
+from app.evaluation.statistics import Interval, interval
 
 SYMBOLS = {"num_candidates": "K", "static_friction": "f_s", "refined_by": "Refined by"}
 """What tables call that which suites vary."""
@@ -42,6 +39,11 @@ class Case:
         """What distinguishes the case from the entrant's others, as in "K = 16"."""
         return ", ".join(f"{SYMBOLS[name]} = {value}" for name, value in self.where.items())
 
+    @property
+    def unit(self) -> str:
+        """What statistics are over: the tasks, or the runs where all are of one task."""
+        return "task" if self.data.task.nunique() > 1 else "run"
+
     def values(self, measure: str) -> NDArray[np.float64]:
         """Return a measure, a column of the data: (rows,)."""
         return self.rows[measure].to_numpy(np.float64)
@@ -54,13 +56,14 @@ class Case:
         """Return the share of the rows whose measure is at most `limit`."""
         return float(np.mean(self.values(measure) <= limit))
 
-    def per_unit(self, measure: str, unit: Unit = "task") -> NDArray[np.float64]:
+    def per_unit(self, measure: str) -> NDArray[np.float64]:
         """Return a measure averaged over the rows of each task or run, (units,), in their order."""
-        return self.rows.groupby(unit)[measure].mean().to_numpy(np.float64)
+        return self.rows.groupby(self.unit)[measure].mean().to_numpy(np.float64)
 
-    def less(self, other: "Case", measure: str, unit: Unit = "task") -> Interval:
-        """Return the mean of the paired differences to `other`, and its interval."""
-        return paired_difference(self.per_unit(measure, unit), other.per_unit(measure, unit))
+    def less(self, other: "Case | Entrant", measure: str) -> Interval:
+        """Return the mean of the paired differences to a case, or to an entrant's at this place."""
+        case = other if isinstance(other, Case) else self.with_entrant(other)
+        return interval(self.per_unit(measure) - case.per_unit(measure))
 
     def at(self, **where: Any) -> "Case":
         """Return the entrant's case where more columns, or others, have certain values."""

@@ -4,10 +4,9 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from app.evaluation.case import Case
-from app.evaluation.cells import with_interval
 from app.evaluation.question import Entrant
-from app.evaluation.section import Claim
 from app.evaluation.statistics import Interval
+from app.evaluation.suite import Claim
 
 
 class Lead(NamedTuple):
@@ -19,11 +18,6 @@ class Lead(NamedTuple):
     digits: int = 3
 
     @property
-    def certain(self) -> bool:
-        """Whether the whole interval is below zero at every place."""
-        return all(difference.high < 0 for difference in self.differences.values())
-
-    @property
     def narrows(self) -> bool:
         """Whether it is smaller at the last place than at the first."""
         first, *_, last = self.differences.values()
@@ -31,7 +25,7 @@ class Lead(NamedTuple):
 
     def __str__(self) -> str:
         shown = (
-            f"{with_interval(difference, self.digits, '+')} m at {place}"
+            f"{difference.shown(self.digits, '+')} m at {place}"
             for place, difference in self.differences.items()
         )
         return f"Action Diffusion less {self.other}: {', '.join(shown)}."
@@ -39,16 +33,16 @@ class Lead(NamedTuple):
 
 def lead_over(other: Entrant, cases: Iterable[Case], measure: str) -> Lead:
     """Measure the lead of Action Diffusion's `cases` over `other`, paired by the tasks."""
-    differences = {case.place: case.less(case.with_entrant(other), measure) for case in cases}
-    return Lead(other.label, differences)
+    return Lead(other.label, {case.place: case.less(other, measure) for case in cases})
 
 
-def lower_claim(statement: str, *leads: Lead) -> Claim:
+def lower(statement: str, *leads: Lead) -> Claim:
     """Claim that Action Diffusion is lower than others, each paired interval below zero."""
-    return Claim(statement, all(lead.certain for lead in leads), " ".join(map(str, leads)))
+    certain = all(below.high < 0 for lead in leads for below in lead.differences.values())
+    return Claim(statement, certain, " ".join(map(str, leads)))
 
 
-def lowest_claim(
+def lowest(
     statement: str, entrant: Entrant, values: Mapping[str, Mapping[Entrant, float]], form: str
 ) -> Claim:
     """Claim that `entrant` has the lowest value of all, at every place.

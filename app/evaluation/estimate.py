@@ -1,19 +1,19 @@
 """How long an evaluation will take, from what the service needs for a few plans just now."""
 
-from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
+from typing import NamedTuple
 
 from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.ask import ask
+from app.evaluation.entrants import CEM, DIFFUSION, REFINED_PRIOR, UNIFORM
 from app.evaluation.question import Question
-from app.wire.requests import PlanRequest
 
 PROBES = 5
+TASK = {"initial_state": (0.0, 0.0), "target_state": (0.4, 0.0)}
 
 
-@dataclass(frozen=True, slots=True)
-class Rates:
+class Rates(NamedTuple):
     """Seconds that a service needs, as a client sees them."""
 
     plan: float
@@ -54,29 +54,19 @@ async def measure_rates(client: AsyncPlannerClient, *, network: bool) -> Rates:
             times.append(perf_counter() - started)
         return median(times)
 
-    least = await seconds(_probe("uniform", 1))
-    cem, refined = _probe("cem", 128), _probe("dataset_prior", 16, refine=True)
-    row = 0.0
-    if network:
-        learned = _probe("action_diffusion", 32)
-        rows = learned.cost.network_evaluations * learned.request.num_candidates
-        row = max(0.0, await seconds(learned) - least) / rows
-    return Rates(
-        plan=least,
-        network_row=row,
-        rollout=max(0.0, await seconds(cem) - least) / cem.cost.rollouts,
-        refinement=max(0.0, await seconds(refined) - least),
+    least, cem, learned, refined = (
+        Question({}, entrant.request(TASK, k, seed=0))
+        for entrant, k in ((UNIFORM, 1), (CEM, 128), (DIFFUSION, 32), (REFINED_PRIOR, 16))
     )
+    plan = await seconds(least)
 
+    async def more(probe: Question) -> float:
+        return max(0.0, await seconds(probe) - plan)
 
-def _probe(method: str, num_candidates: int, refine: bool = False) -> Question:
-    fields = {
-        "initial_state": (0.0, 0.0),
-        "target_state": (0.4, 0.0),
-        "method": method,
-        "num_candidates": num_candidates,
-        "refine": refine,
-        "seed": 0,
-        "include": [],
-    }
-    return Question({}, PlanRequest.model_validate(fields))
+    rows = learned.cost.network_evaluations * learned.request.num_candidates
+    return Rates(
+        plan=plan,
+        network_row=await more(learned) / rows if network else 0.0,
+        rollout=await more(cem) / cem.cost.rollouts,
+        refinement=await more(refined),
+    )

@@ -6,12 +6,11 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from app.evaluation.case import SYMBOLS, Case, Unit
-from app.evaluation.cells import mean_and_spread, percent, with_interval
+from app.evaluation.case import SYMBOLS, Case
 from app.evaluation.entrants import PAPER_DIFFUSION
 from app.evaluation.question import Entrant
-from app.evaluation.section import Table
-from app.evaluation.statistics import interquartile_mean, interval, share_won
+from app.evaluation.statistics import interquartile_mean, interval, percent, share_won
+from app.evaluation.suite import Table
 
 Row = TypeVar("Row")
 
@@ -23,14 +22,12 @@ class Column(NamedTuple, Generic[Row]):
     cell: Callable[[Row], str]
 
 
-def table(name: str, caption: str, rows: Iterable[Row], columns: Sequence[Column[Row]]) -> Table:
-    """Make a table; `name` is of its LaTeX file."""
-    return Table(
-        name,
-        caption,
-        tuple(column.heading for column in columns),
-        [tuple(column.cell(row) for column in columns) for row in rows],
-    )
+def table(
+    caption: str, rows: Iterable[Row], columns: Sequence[Column[Row]], part: str = ""
+) -> Table:
+    """Make a table; `part` tells its file from that of the suite's main table."""
+    cells = [tuple(column.cell(row) for column in columns) for row in rows]
+    return Table(caption, tuple(column.heading for column in columns), cells, part)
 
 
 METHOD = Column[Case]("Method", lambda case: case.entrant.label)
@@ -41,14 +38,19 @@ def varied(name: str) -> Column[Case]:
     return Column(SYMBOLS[name], lambda case: str(case.where[name]))
 
 
-def of_cases(name: str, caption: str, cases: Sequence[Case], *columns: Column[Case]) -> Table:
+def of_cases(caption: str, cases: Sequence[Case], *columns: Column[Case], part: str = "") -> Table:
     """Make a table of cases: the method, what the suite varies, and then `columns`."""
-    return table(name, caption, cases, (METHOD, *map(varied, cases[0].where), *columns))
+    return table(caption, cases, (METHOD, *map(varied, cases[0].where), *columns), part)
 
 
 def spread(heading: str, measure: str, digits: int, **where: Any) -> Column[Case]:
     """Show mean ± standard deviation of a measure, of the case or of it at another place."""
-    return Column(heading, lambda case: mean_and_spread(case.at(**where).values(measure), digits))
+
+    def cell(case: Case) -> str:
+        values = case.at(**where).values(measure)
+        return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
+
+    return Column(heading, cell)
 
 
 def mean(heading: str, measure: str, digits: int, **where: Any) -> Column[Case]:
@@ -71,83 +73,71 @@ def share(heading: str, measure: str, digits: int) -> Column[Case]:
     return Column(heading, lambda case: percent(case.mean(measure), digits))
 
 
-def less(
-    heading: str, measure: str, other: Entrant, unit: Unit = "task", digits: int = 3
-) -> Column[Case]:
+def others(heading: str, other: Entrant, cell: Callable[[Case], str]) -> Column[Case]:
+    """Show how a case stands to that of another entrant, for which itself the cell is empty."""
+    return Column(heading, lambda case: "" if case.entrant == other else cell(case))
+
+
+def less(heading: str, measure: str, other: Entrant, digits: int = 3) -> Column[Case]:
     """Show the mean of the paired differences to another entrant, with its interval."""
-
-    def difference(case: Case) -> str:
-        if case.entrant == other:
-            return ""
-        return with_interval(case.less(case.with_entrant(other), measure, unit), digits, "+")
-
-    return Column(heading, difference)
+    return others(heading, other, lambda case: case.less(other, measure).shown(digits, "+"))
 
 
-def statistics(
-    suite: str, cases: Sequence[Case], measure: str, unit: Unit = "task", digits: int = 3
-) -> Table:
+def statistics(cases: Sequence[Case], measure: str, digits: int = 3) -> Table:
     """Make a table of interquartile means, and of paired differences to the paper's sampler.
 
     Args:
-        suite: its name.
         cases: a row each.
         measure: column of the data, an error in m.
-        unit: column of what the intervals are over.
         digits: behind the point.
     """
+    unit = cases[0].unit
 
     def middle(case: Case) -> str:
-        return with_interval(interval(case.per_unit(measure, unit), interquartile_mean), digits)
+        return interval(case.per_unit(measure), interquartile_mean).shown(digits)
 
     return of_cases(
-        f"{suite}-statistics",
         f"{measure.replace('_', ' ').capitalize()}: interquartile mean over the {unit}s, and the "
         f"mean of the paired differences, with 95 % bootstrap intervals over the {unit}s.",
         cases,
         Column("Interquartile mean (m)", middle),
-        less(f"Less {PAPER_DIFFUSION.label} (m)", measure, PAPER_DIFFUSION, unit, digits),
+        less(f"Less {PAPER_DIFFUSION.label} (m)", measure, PAPER_DIFFUSION, digits),
+        part="statistics",
     )
 
 
-def times(suite: str, cases: Sequence[Case], what: str) -> Table:
-    """Make a table of wall-clock for `what`; arguments as for `statistics`."""
+def times(cases: Sequence[Case], what: str) -> Table:
+    """Make a table of wall-clock for `what`, a row a case."""
     return of_cases(
-        f"{suite}-time",
         f"Wall-clock for {what}: the service's compute time, and what the client waited.",
         cases,
         spread("Time (ms)", "compute_ms", 1),
         spread("Client latency (ms)", "latency_ms", 1),
+        part="time",
     )
 
 
-def wins(
-    suite: str, cases: Iterable[Case], measure: str, caption: str, unit: Unit = "task"
-) -> Iterator[Table]:
+def wins(cases: Iterable[Case], measure: str, caption: str) -> Iterator[Table]:
     """Make a table for each K of who beats whom.
 
     Args:
-        suite: its name.
         cases: a row and a column each, those with the same K together.
         measure: column of the data, an error in m.
         caption: what is compared.
-        unit: column of what is counted.
     """
+
+    def over(rival: Case) -> Column[Case]:
+        def won(case: Case) -> str:
+            return percent(share_won(case.per_unit(measure), rival.per_unit(measure)))
+
+        return others(rival.entrant.label, rival.entrant, won)
+
     for k, group in groupby(cases, lambda case: case.where["num_candidates"]):
         rivals = list(group)
         yield table(
-            f"{suite}-wins-{k}",
-            f"{caption}, K = {k}: share of the {unit}s on which the row's method does better than "
-            "the column's (equal within a micrometre counts for neither).",
+            f"{caption}, K = {k}: share of the {rivals[0].unit}s on which the row's method does "
+            "better than the column's (equal within a micrometre counts for neither).",
             rivals,
-            (METHOD, *(_wins_over(rival, measure, unit) for rival in rivals)),
+            (METHOD, *map(over, rivals)),
+            part=f"wins-{k}",
         )
-
-
-def _wins_over(rival: Case, measure: str, unit: Unit) -> Column[Case]:
-    def wins_share(case: Case) -> str:
-        if case.entrant == rival.entrant:
-            return ""
-        return percent(share_won(case.per_unit(measure, unit), rival.per_unit(measure, unit)))
-
-    return Column(rival.entrant.label, wins_share)

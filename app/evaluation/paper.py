@@ -30,17 +30,10 @@ MULTISTEP = {
     (CEM, 512): MultistepRow("0.19 ± 0.3", "0.14 ± 0.1", "22.2 ± 16.7", "3.47 ± 1.2"),
 }
 """Table 2."""
-NO_MULTISTEP_ROW = MultistepRow("", "", "", "")
 
 MEAN_END_ERROR_BY_FRICTION = {
-    (PAPER_DIFFUSION, 0.6): "0.14 ± 0.1",
-    (PAPER_DIFFUSION, 0.7): "0.15 ± 0.1",
-    (PAPER_DIFFUSION, 0.8): "0.10 ± 0.1",
-    (DATASET_PRIOR, 0.6): "0.30 ± 0.2",
-    (DATASET_PRIOR, 0.7): "0.31 ± 0.2",
-    (DATASET_PRIOR, 0.8): "0.31 ± 0.2",
-    (CEM, 0.6): "0.22 ± 0.2",
-    (CEM, 0.7): "0.25 ± 0.2",
-    (CEM, 0.8): "0.22 ± 0.2",
+    PAPER_DIFFUSION: {0.6: "0.14 ± 0.1", 0.7: "0.15 ± 0.1", 0.8: "0.10 ± 0.1"},
+    DATASET_PRIOR: {0.6: "0.30 ± 0.2", 0.7: "0.31 ± 0.2", 0.8: "0.31 ± 0.2"},
+    CEM: {0.6: "0.22 ± 0.2", 0.7: "0.25 ± 0.2", 0.8: "0.22 ± 0.2"},
 }
 """Table 3, by f_s."""

@@ -1,46 +1,27 @@
-"""Panels that several suites draw, and how each entrant is drawn."""
+"""Panels that several suites draw."""
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from app.evaluation import entrants
-from app.evaluation.case import Case, Unit
+from app.evaluation.case import Case
 from app.evaluation.question import Entrant
 from app.evaluation.statistics import Interval, interval
-from app.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, RED, SKY, Look
+from app.evaluation.suite import Picture
 
 Bars: TypeAlias = Callable[[NDArray[np.float64]], Interval]
-"""Mean, lower and upper end of a bar from a value for each unit, (units,)."""
+"""Mean, lower and upper end of a bar from a value for each task or run, (units,)."""
+Lines: TypeAlias = Mapping[Entrant, Sequence[Interval]]
+"""Estimates with their intervals, one at each position along x."""
 
-LOOKS = {
-    entrants.PAPER_DIFFUSION: Look(BLUE, "o", "-"),
-    entrants.DIFFUSION: Look(SKY, "s", "-"),
-    entrants.REFINED_DIFFUSION: Look(SKY, "D", ":"),
-    entrants.DATASET_PRIOR: Look(ORANGE, "^", "-"),
-    entrants.REFINED_PRIOR: Look(ORANGE, "v", ":"),
-    entrants.UNIFORM: Look(GREY, "x", "--"),
-    entrants.CEM: Look(RED, "P", "-"),
-    entrants.ICEM: Look(PINK, "X", "--"),
-    entrants.MPPI: Look(GREEN, "*", "--"),
-}
-LegendPlace: TypeAlias = Literal["outside upper center", "outside right upper"]
 LEAST_ERROR = 1e-6
 """Logarithmic axes show smaller errors as this (m): below lies rounding."""
 OCTAVES = 0.24
 """Width over which figures spread the lines about each K."""
-
-
-class Line(NamedTuple):
-    """Estimates with their intervals, one at each position along x."""
-
-    label: str
-    look: Look
-    intervals: Sequence[Interval]
 
 
 def spread(values: NDArray[np.float64]) -> Interval:
@@ -52,28 +33,17 @@ def spread(values: NDArray[np.float64]) -> Interval:
     return Interval(mean, max(mean - deviation, float(values.min())), mean + deviation)
 
 
-def entrant_lines(
-    cases: Iterable[Case], measure: str, unit: Unit = "task", bars: Bars = interval
-) -> list[Line]:
-    """Return a line for each entrant, through its cases in their order.
-
-    Args:
-        cases: what is drawn.
-        measure: column of the data.
-        unit: column of what the bars are over.
-        bars: what they show.
-    """
-    intervals: dict[Entrant, list[Interval]] = {}
+def entrant_lines(cases: Iterable[Case], measure: str, bars: Bars = interval) -> Lines:
+    """Return a line of a measure for each entrant, through its cases in their order."""
+    lines: dict[Entrant, list[Interval]] = {}
     for case in cases:
-        intervals.setdefault(case.entrant, []).append(bars(case.per_unit(measure, unit)))
-    return [
-        Line(entrant.label, LOOKS[entrant], estimates) for entrant, estimates in intervals.items()
-    ]
+        lines.setdefault(case.entrant, []).append(bars(case.per_unit(measure)))
+    return lines
 
 
 def draw_lines(
     axes: Axes,
-    lines: Sequence[Line],
+    lines: Lines,
     positions: ArrayLike,
     width: float,
     shifted: Callable[[ArrayLike, float], ArrayLike] = np.add,
@@ -87,17 +57,16 @@ def draw_lines(
         width: over which the lines are spread about each position.
         shifted: positions from their middle and a shift.
     """
-    for line, shift in zip(lines, np.linspace(-width / 2, width / 2, len(lines)), strict=True):
-        middle, low, high = np.array(line.intervals).T
+    shifts = np.linspace(-width / 2, width / 2, len(lines))
+    for (entrant, intervals), shift in zip(lines.items(), shifts, strict=True):
+        middle, low, high = np.array(intervals).T
         axes.errorbar(
             shifted(positions, shift),
             middle,
             yerr=np.array([middle - low, high - middle]).clip(min=0),
-            color=line.look.color,
-            marker=line.look.marker,
-            ls=line.look.line,
             elinewidth=0.7,
-            label=line.label,
+            label=entrant.label,
+            **entrant.look._asdict(),
         )
 
 
@@ -107,7 +76,6 @@ def draw_over_budget(
     measure: str,
     label: str,
     scale: Literal["linear", "log"] = "linear",
-    unit: Unit = "task",
     bars: Bars = interval,
 ) -> None:
     """Draw a measure over K, a line an entrant.
@@ -118,11 +86,10 @@ def draw_over_budget(
         measure: column of the data.
         label: of the measure, with its unit.
         scale: of the measure's axis.
-        unit: column of what the bars are over.
         bars: what they show.
     """
     budgets = list(dict.fromkeys(case.where["num_candidates"] for case in cases))
-    lines = entrant_lines(cases, measure, unit, bars)
+    lines = entrant_lines(cases, measure, bars)
     draw_lines(axes, lines, budgets, OCTAVES, lambda k, octaves: np.multiply(k, 2**octaves))
     axes.set_xscale("log", base=2)
     axes.set_xticks(budgets, labels=[str(k) for k in budgets])
@@ -131,7 +98,11 @@ def draw_over_budget(
         axes.set_ylim(bottom=0)
 
 
-def draw_legend(figure: Figure, place: LegendPlace, columns: int = 1) -> None:
-    """Name the lines of the figure's first panel in a legend outside of all panels."""
+def with_legend(figure: Figure, caption: str, columns: int = 1) -> Picture:
+    """Name the lines of the first panel in a column beside all panels, or in more above them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc=place, ncols=columns)
+    if columns == 1:
+        figure.legend(handles, labels, loc="outside right upper")
+    else:
+        figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    return Picture(caption, figure)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
+from app.figures.style import Look
 from app.planning.problem import Cost
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
@@ -19,12 +20,24 @@ class Entrant:
 
     label: str
     """As tables and figures call it."""
-    fields: Mapping[str, Any] = field(compare=False)
+    fields: dict[str, Any] = field(compare=False)
     """Of the request: method, refinement, objective, plant."""
+    look: Look
+    """In figures."""
 
     def asking(self, **fields: Any) -> "Entrant":
         """Return the entrant with more fields of the request."""
-        return replace(self, fields={**self.fields, **fields})
+        return replace(self, fields=self.fields | fields)
+
+    def request(self, task: Mapping[str, Any], num_candidates: int, seed: int) -> AnyRequest:
+        """Return the request for a task, by default with the shortest answer.
+
+        Raises:
+            ValidationError: the service would refuse such a request.
+        """
+        kind = MultistepPlanRequest if "targets" in task else PlanRequest
+        shared = {"num_candidates": num_candidates, "seed": seed, "include": []}
+        return kind.model_validate({**self.fields, **shared, **task})
 
 
 @dataclass(frozen=True)

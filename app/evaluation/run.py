@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import TypeAlias
 
 import matplotlib
-import pandas as pd
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.answer_log import AnswerLog, EvaluationError, Session
@@ -22,7 +22,9 @@ from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON
 from app.wire.about import ModelDescription
 
-Connect = Callable[[], AbstractAsyncContextManager[AsyncPlannerClient]]
+Missing: TypeAlias = dict[str, tuple[Suite, Question]]
+"""What there is no answer to, and who asks first, by the question's key."""
+Connect: TypeAlias = Callable[[], AbstractAsyncContextManager[AsyncPlannerClient]]
 
 
 async def evaluate(
@@ -51,73 +53,62 @@ async def evaluate(
         OSError: the folder cannot be written to.
     """
     with AnswerLog(directory) as log:
-        questions = [list(suite.questions()) for suite in suites]
-        missing = _missing(questions, log)
-        if any(missing):
+        questions = {suite: list(suite.questions()) for suite in suites}
+        # What two suites ask is asked once, for the first.
+        missing: Missing = {}
+        for suite, asked in questions.items():
+            for question in asked:
+                if question not in log:
+                    missing.setdefault(question.key, (suite, question))
+        if missing:
             async with connect() as client:
-                await _complete(client, suites, missing, log, concurrency, console)
-        report = _report(suites, questions, log, directory)
+                await _complete(client, missing, log, concurrency, console)
+        settings = f"seed {suites[0].seed}"
+        if suites[0].quick:
+            settings += ", quick: sizes cut down, numbers mean little"
+        with matplotlib.rc_context(fname=STYLE_FILE):
+            sections = [
+                suite.section((question, log[question]) for question in asked)
+                for suite, asked in questions.items()
+            ]
+            report = write_report(directory, log.sessions, settings, sections)
         log.pack()
     return report
 
 
-def _missing(questions: list[list[Question]], log: AnswerLog) -> list[list[Question]]:
-    """Return each suite's questions without an answer; what two suites ask counts for the first."""
-    asked: set[str] = set()
-    missing = []
-    for of_suite in questions:
-        own = {
-            question.key: question
-            for question in of_suite
-            if question not in log and question.key not in asked
-        }
-        asked |= own.keys()
-        missing.append(list(own.values()))
-    return missing
-
-
 async def _complete(
     client: AsyncPlannerClient,
-    suites: Sequence[Suite],
-    missing: list[list[Question]],
+    missing: Missing,
     log: AnswerLog,
     concurrency: int,
     console: Console,
 ) -> None:
     await client.wait_until_ready()
     info, models = await client.info(), await client.models()
-    questions = [question for of_suite in missing for question in of_suite]
+    questions = [question for _, question in missing.values()]
     _check_models(questions, info.nominal_system, models)
-    log.begin(
-        Session(
-            began=datetime.now(UTC),
-            version=info.version,
-            machine=info.machine,
-            device=info.device,
-            network_threads=info.network_threads,
-            libraries=info.libraries,
-            models={f"{model.name}/{model.version}": model.sha256 for model in models},
-            concurrency=concurrency,
-        )
-    )
+    about = {
+        "began": datetime.now(UTC),
+        "models": {f"{model.name}/{model.version}": model.sha256 for model in models},
+        "concurrency": concurrency,
+    }
+    log.begin(Session.model_validate(info.model_dump() | about))
     network = any(question.cost.network_evaluations for question in questions)
     rates = await measure_rates(client, network=network)
-    total = sum(rates.seconds(question) for question in questions) / concurrency
+    total = sum(map(rates.seconds, questions))
     console.print(
-        f"{len(questions)} requests, about {timedelta(seconds=round(total))} at "
+        f"{len(questions)} requests, about {timedelta(seconds=round(total / concurrency))} at "
         f"{concurrency} at once; interrupted, the same command goes on"
     )
     columns = (TextColumn("{task.description:24}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
-        overall = progress.add_task("all", total=sum(map(rates.seconds, questions)))
-        for suite, of_suite in zip(suites, missing, strict=True):
-            bar = progress.add_task(suite.name, total=sum(map(rates.seconds, of_suite)))
+        bar = progress.add_task("", total=total)
 
-            def advance(question: Question, bar: TaskID = bar) -> None:
-                for one in (overall, bar):
-                    progress.advance(one, rates.seconds(question))
+        def advance(question: Question) -> None:
+            suite, _ = missing[question.key]
+            progress.update(bar, advance=rates.seconds(question), description=suite.name)
 
-            await ask_all(client, of_suite, log, concurrency, advance)
+        await ask_all(client, questions, log, concurrency, advance)
 
 
 def _check_models(
@@ -132,24 +123,3 @@ def _check_models(
             model.covers(system, horizon) for model in models
         ):
             raise EvaluationError(f"the service has no model that was trained for {system}")
-
-
-def _report(
-    suites: Sequence[Suite], questions: list[list[Question]], log: AnswerLog, directory: Path
-) -> Path:
-    sections, data = {}, {}
-    with matplotlib.rc_context(fname=STYLE_FILE):
-        for suite, of_suite in zip(suites, questions, strict=True):
-            answered = [(question, log[question]) for question in of_suite]
-            rows = [row for question, answer in answered for row in suite.rows(question, answer)]
-            data[suite.name] = pd.DataFrame(rows)
-            sections[suite.name] = suite.section(data[suite.name], answered)
-        first = suites[0]
-        return write_report(
-            directory,
-            log.sessions[0],
-            [session.concurrency for session in log.sessions],
-            f"seed {first.seed}{', quick: sizes cut down, numbers mean little' * first.quick}",
-            sections,
-            data,
-        )

@@ -1,4 +1,4 @@
-"""Statistics of measures over tasks: deterministic, with common random numbers in pairs."""
+"""Statistics of measures over tasks, and how tables write them: deterministic, paired."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -19,6 +19,12 @@ class Interval(NamedTuple):
     estimate: float
     low: float
     high: float
+
+    def shown(self, digits: int, sign: str = "") -> str:
+        """Write estimate and interval; `sign` "+" shows the signs of differences."""
+        # Rounded before it is written, and 0 added: -0.0004 is "0.000" and not "-0.000".
+        estimate, low, high = (f"{round(value, digits) + 0.0:{sign}.{digits}f}" for value in self)
+        return f"{estimate} [{low}, {high}]"
 
 
 def interquartile_mean(values: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
@@ -43,11 +49,11 @@ def interval(
     return Interval(estimate, float(bounds.low), float(bounds.high))
 
 
-def paired_difference(first: NDArray[np.float64], second: NDArray[np.float64]) -> Interval:
-    """Return the mean of first - second (both (tasks,), of the same tasks), and its interval."""
-    return interval(first - second)
-
-
 def share_won(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the share of tasks on which `first` is lower; both (tasks,), ties won by nobody."""
     return float(np.mean(first < second - TIE))
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Write a share as a percentage."""
+    return f"{100 * share:.{digits}f} %"

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from app.figures.style import BLACK, BLUE, GREY, PAGE_INCHES, RED, new_figure
+from app.figures.style import BLACK, BLUE, GREY, RED, new_figure
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.wire.answers import PlanResponse
@@ -33,7 +33,7 @@ def draw_plan(request: PlanRequest, answer: PlanResponse) -> Figure:
     num_candidates = len(answer.candidates.controls)
     opacity = max(0.06, min(0.5, 8 / num_candidates))
 
-    figure = new_figure(PAGE_INCHES, 5.0)
+    figure = new_figure(5.0)
     control_axes, position_axes, velocity_axes = figure.subplots(3, sharex=True)
     draw_stiction_band(control_axes, answer.system)
     draw_controls(control_axes, times, controls[:-1], BLUE, 0.6, opacity)

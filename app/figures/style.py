@@ -13,17 +13,17 @@ PINK, SKY, YELLOW, BLACK, GREY = "#cc79a7", "#56b4e9", "#f0e442", "#000000", "#7
 
 
 class Look(NamedTuple):
-    """How figures draw an entrant."""
+    """How figures draw an entrant, in matplotlib's words."""
 
     color: str
     marker: str
-    line: str
+    ls: str
 
 
 STYLE_FILE = Path(__file__).with_name("figures.mplstyle")
 """Fonts, lines and grid of all figures, as matplotlib reads them."""
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of this size, in inches, whose parts do not overlap."""
-    return Figure(figsize=(width, height), layout="constrained")
+def new_figure(height: float) -> Figure:
+    """Return an empty figure as wide as a page and so high (inches), whose parts do not overlap."""
+    return Figure(figsize=(PAGE_INCHES, height), layout="constrained")

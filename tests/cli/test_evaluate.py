@@ -27,7 +27,9 @@ def test_an_unknown_suite_is_named_with_those_that_there_are() -> None:
     assert done.exit_code == 1
     assert "no suite annealing" in done.stderr
     for name, suite in SUITES.items():
-        assert f"{name:22}{suite.purpose}\n" in done.stderr
+        assert suite.__doc__ is not None
+        assert "\n" not in suite.__doc__
+        assert f"{name:22}{suite.__doc__}\n" in done.stderr
 
 
 def test_a_missing_store_ends_it_at_once(tmp_path: Path) -> None:
@@ -52,10 +54,11 @@ def test_it_brings_its_key(tmp_path: Path) -> None:
     assert "Unauthorized (401)" in wrong.stderr
 
 
-@pytest.mark.parametrize("url", [f"http://127.0.0.1:{free_port()}", "127.0.0.1", "http://[::1"])
+@pytest.mark.parametrize("url", ["http://127.0.0.1:{port}", "127.0.0.1", "http://[::1"])
 def test_an_absent_service_is_said_soon(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, url: str
 ) -> None:
+    url = url.format(port=free_port())
     monkeypatch.setattr(evaluate, "ARRIVAL_SECONDS", 0.1)
     done = invoke("evaluate", "--quick", "--url", url, "--out", str(tmp_path))
     assert done.exit_code == 1

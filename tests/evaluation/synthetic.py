@@ -1,13 +1,12 @@
 """Answers that no service gave, for suites to make their sections of."""
 
-from collections.abc import Callable
-
-import pandas as pd
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
-from app.evaluation.section import Section, Table
-from app.evaluation.suite import Suite
+from app.evaluation.suite import Section, Suite, Table
+from app.evaluation.tasks import Task, request_seed
 
 
 def plan_answer(
@@ -39,17 +38,32 @@ def sequence_answer(
     return _answer(content, stuck_steps, compute_ms)
 
 
+def assert_asked_alike(suite: Suite, tasks: Sequence[Task], number: int) -> None:
+    """So many as are told apart are all asked for the same runs of `tasks`, with the same seeds."""
+    asked = defaultdict(list)
+    for question in suite.questions():
+        who = dict(question.labels)
+        task, run = int(who.pop("task")), int(who.pop("run"))
+        fields = {name: getattr(question.request, name) for name in tasks[task]}
+        asked[tuple(who.values())].append((task, run, fields, question.request.seed))
+    assert len(asked) == number
+    expected = [
+        (index, run, task, request_seed(suite.seed, index, run))
+        for index, task in enumerate(tasks)
+        for run in range(suite.size.runs)
+    ]
+    assert all(questions == expected for questions in asked.values())
+
+
 def section_of(suite: Suite, answer: Callable[[Question], Answer]) -> Section:
     """The section that `suite` makes where each question has its `answer`."""
-    answered = [(question, answer(question)) for question in suite.questions()]
-    rows = [row for question, own in answered for row in suite.rows(question, own)]
-    return suite.section(pd.DataFrame(rows), answered)
+    return suite.section((question, answer(question)) for question in suite.questions())
 
 
 def split(section: Section) -> tuple[list[Table], list[Table]]:
     """The tables of results, and those of times."""
-    times = [table for table in section.tables if table.name.endswith("-time")]
-    return [table for table in section.tables if table not in times], times
+    times = [table for table in section.all(Table) if table.part == "time"]
+    return [table for table in section.all(Table) if table not in times], times
 
 
 def _answer(measures: dict[str, object], stuck_steps: int, compute_ms: float) -> Answer:

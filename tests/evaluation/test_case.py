@@ -38,6 +38,13 @@ def test_runs_are_averaged_in_the_order_of_the_tasks() -> None:
     np.testing.assert_allclose(AT_16.per_unit("error"), [0.2, 0.5])
 
 
+def test_the_runs_of_a_single_task_stand_for_themselves() -> None:
+    runs = DATA[DATA.task == 0].assign(run=[1, 0, 0, 0])
+    case = Case(runs, CEM, {"num_candidates": 16})
+    assert (AT_16.unit, case.unit) == ("task", "run")
+    np.testing.assert_allclose(case.per_unit("error"), [0.3, 0.1])
+
+
 def test_a_share_counts_what_is_just_at_the_limit() -> None:
     assert AT_16.share_within("error", 0.4) == 0.75
 
@@ -51,6 +58,7 @@ def test_cases_are_compared_task_by_task() -> None:
     better = AT_16.rows.assign(entrant=MPPI.label, error=AT_16.rows.error - 0.1)
     cem = Case(pd.concat([DATA, better]), CEM, {"num_candidates": 16})
     np.testing.assert_allclose(cem.less(cem.with_entrant(MPPI), "error"), [0.1] * 3)
+    assert cem.less(MPPI, "error") == cem.less(cem.with_entrant(MPPI), "error")
 
 
 def test_all_cases_come_with_the_entrants_innermost() -> None:

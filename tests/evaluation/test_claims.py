@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from app.evaluation.case import cases_of
-from app.evaluation.claims import Lead, lead_over, lower_claim, lowest_claim
+from app.evaluation.claims import Lead, lead_over, lower, lowest
 from app.evaluation.entrants import CEM, MPPI, PAPER_DIFFUSION
 from app.evaluation.statistics import Interval
 
@@ -38,7 +38,7 @@ def test_a_lead_is_paired_at_each_place() -> None:
 def test_lower_means_a_whole_interval_below_zero_at_every_place(
     differences: dict[str, Interval], confirmed: bool
 ) -> None:
-    claim = lower_claim("It is lower.", Lead("CEM", {"K = 16": SURE}), Lead("MPPI", differences))
+    claim = lower("It is lower.", Lead("CEM", {"K = 16": SURE}), Lead("MPPI", differences))
     assert claim.confirmed == confirmed
     assert claim.evidence.startswith("Action Diffusion less CEM: -0.200 [-0.300, -0.100] m at K")
     assert "Action Diffusion less MPPI: " in claim.evidence
@@ -55,7 +55,7 @@ def test_the_lowest_is_lower_than_each_of_the_others_at_every_place(
     other: float, confirmed: bool
 ) -> None:
     values = {"K = 16": {CEM: 1.0, MPPI: 2.0}, "K = 32": {CEM: 1.0, MPPI: other}}
-    claim = lowest_claim("It is the lowest.", CEM, values, "{:.1f} m")
+    claim = lowest("It is the lowest.", CEM, values, "{:.1f} m")
     assert claim.confirmed == confirmed
     assert claim.evidence == (
         f"K = 16: CEM (40 it.) 1.0 m, MPPI (40 it.) 2.0 m; "

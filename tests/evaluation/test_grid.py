@@ -24,7 +24,6 @@ CASES = cases_of(DATA, [CEM, MPPI, UNIFORM], num_candidates=[16])
 
 def test_a_table_of_cases_begins_with_the_method_and_what_varies() -> None:
     table = grid.of_cases(
-        "errors",
         "Errors.",
         CASES,
         grid.spread("Spread", "error", 2),
@@ -43,14 +42,14 @@ def test_a_table_of_cases_begins_with_the_method_and_what_varies() -> None:
 
 def test_a_column_may_show_another_place_than_the_row_s() -> None:
     whole = cases_of(DATA, [UNIFORM])
-    table = grid.of_cases("one", "One.", whole, grid.mean("Task 0", "error", 1, task=0))
+    table = grid.of_cases("One.", whole, grid.mean("Task 0", "error", 1, task=0))
     assert table.rows == [(UNIFORM.label, "0.0")]
 
 
 def test_statistics_are_paired_with_the_paper_s_sampler_which_is_compared_with_nothing() -> None:
     cases = cases_of(DATA, [PAPER_DIFFUSION, CEM], num_candidates=[16])
-    table = grid.statistics("suite", cases, "error")
-    assert table.name == "suite-statistics"
+    table = grid.statistics(cases, "error")
+    assert table.part == "statistics"
     assert [row[2:] for row in table.rows] == [
         ("0.050 [0.050, 0.050]", ""),
         ("0.100 [0.100, 0.100]", "+0.050 [+0.050, +0.050]"),
@@ -58,9 +57,9 @@ def test_statistics_are_paired_with_the_paper_s_sampler_which_is_compared_with_n
 
 
 def test_a_table_of_wins_has_the_row_s_method_win_and_leaves_the_diagonal_empty() -> None:
-    (table,) = grid.wins("suite", CASES, "error", "Error")
+    (table,) = grid.wins(CASES, "error", "Error")
 
-    assert table.name == "suite-wins-16"
+    assert table.part == "wins-16"
     assert table.caption.startswith("Error, K = 16: share of the tasks")
     assert table.headings == ("Method", CEM.label, MPPI.label, UNIFORM.label)
     assert table.rows == [

@@ -2,16 +2,12 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 from matplotlib.figure import Figure
 
 from app.evaluation.case import cases_of
 from app.evaluation.entrants import CEM
 from app.evaluation.plots import draw_over_budget, spread
-
-DATA = pd.DataFrame(
-    [(CEM.label, 16, 0, 0, 1.0), (CEM.label, 16, 0, 1, 2.0), (CEM.label, 16, 0, 2, 6.0)],
-    columns=["entrant", "num_candidates", "task", "run", "error"],
-)
 
 
 def test_a_spread_is_a_standard_deviation_to_either_side() -> None:
@@ -24,13 +20,18 @@ def test_a_spread_goes_no_lower_than_the_least_value() -> None:
     assert spread(np.array([1.0, 1.0, 1.0, 9.0])).low == 1
 
 
-def test_bars_are_over_the_units_that_the_caller_names() -> None:
+@pytest.mark.parametrize(
+    ("tasks", "ends"),
+    [((0, 0, 0), (1, 3 + float(np.std([1.0, 2.0, 6.0])))), ((0, 0, 1), (1.5, 6))],
+    ids=["runs of a task", "tasks"],
+)
+def test_bars_are_over_the_runs_of_a_single_task_else_over_the_tasks(
+    tasks: tuple[int, ...], ends: tuple[float, float]
+) -> None:
+    errors = {"task": tasks, "run": range(3), "error": (1.0, 2.0, 6.0)}
+    data = pd.DataFrame({"entrant": CEM.label, "num_candidates": 16, **errors})
     axes = Figure().subplots()
-    cases = cases_of(DATA, [CEM], num_candidates=[16])
-    draw_over_budget(axes, cases, "error", "error (m)", unit="run", bars=spread)
+    cases = cases_of(data, [CEM], num_candidates=[16])
     draw_over_budget(axes, cases, "error", "error (m)", bars=spread)
-    over_runs, over_tasks = (
-        np.asarray(bars.get_paths()[0].vertices)[:, 1] for bars in axes.collections
-    )
-    np.testing.assert_allclose(over_runs, [1, 3 + float(np.std([1.0, 2.0, 6.0]))])
-    np.testing.assert_allclose(over_tasks, [3, 3])
+    (bars,) = axes.collections
+    np.testing.assert_allclose(np.asarray(bars.get_paths()[0].vertices)[:, 1], ends)

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from app.evaluation.report import write_report
-from app.evaluation.section import Claim, Picture, Section, Table
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.figures.style import PAGE_INCHES, STYLE_FILE, new_figure
 from tests.evaluation.fakes import SHA256, session
 
@@ -18,31 +18,30 @@ DATA = pd.DataFrame({"entrant": ["CEM (40 it.)"] * 2, "error": [0.1, 1 / 3], "ru
 
 
 def section() -> Section:
-    figure = new_figure(PAGE_INCHES, 2.0)
+    figure = new_figure(2.0)
     axes = figure.subplots()
     axes.plot([1, 2, 4], [0.1, 0.2, 0.3], label="error ± spread")
     axes.set_xscale("log")
     axes.legend()
     return Section(
-        title="Sequences",
-        introduction="From rest to rest.",
-        tables=(
-            Table("errors", "Mean ± standard deviation, 95 %.", HEADINGS, ROWS),
-            Table("one", "One cell.", ("Only",), (("cell",),)),
-        ),
-        pictures=(Picture("curve", "Error over K.", figure),),
-        claims=(
+        "sequences",
+        "Sequences",
+        (
+            "From rest to rest.",
+            Table("Mean ± standard deviation, 95 %.", HEADINGS, ROWS),
+            Table("One cell.", ("Only",), (("cell",),), part="one"),
+            Picture("Error over K.", figure),
             Claim("It is better.", True, "By 0.1 m."),
             Claim("It is faster.", False, "By no means."),
         ),
+        DATA,
     )
 
 
-def written(directory: Path, **sections: Section) -> Path:
+def written(directory: Path, *sections: Section) -> Path:
+    sessions = [session(concurrency=number) for number in (4, 1, 4)]
     with matplotlib.rc_context(fname=STYLE_FILE):
-        sections = sections or {"sequences": section()}
-        data = dict.fromkeys(sections, DATA)
-        return write_report(directory, session(), [4, 1, 4], "seed 7", sections, data)
+        return write_report(directory, sessions, "seed 7", sections or [section()])
 
 
 def test_the_markdown_shows_who_answered_and_everything_found(tmp_path: Path) -> None:
@@ -55,13 +54,17 @@ def test_the_markdown_shows_who_answered_and_everything_found(tmp_path: Path) ->
         f"model tiny/1, sha256 `{SHA256}`",
         "## Sequences",
         "From rest to rest.",
-        "![Error over K.](figures/curve.png)",
-        "(figures/curve.pdf)",
+        "![Error over K.](figures/sequences.png)",
         "Mean ± standard deviation, 95 %.",
     ):
         assert shown in text
     row = next(line for line in text.splitlines() if "CEM (40 it.)" in line)
     assert [cell.strip() for cell in row.strip("|").split("|")] == list(ROWS[0])
+
+
+def test_the_markdown_points_only_at_the_pictures_that_it_shows(tmp_path: Path) -> None:
+    text = written(tmp_path).read_text()
+    assert re.findall(r"\]\((.*?)\)", text) == ["figures/sequences.png"]
 
 
 def test_claims_stand_under_their_verdicts_before_the_sections(tmp_path: Path) -> None:
@@ -72,7 +75,9 @@ def test_claims_stand_under_their_verdicts_before_the_sections(tmp_path: Path) -
 
 
 def test_without_claims_the_paper_is_not_mentioned(tmp_path: Path) -> None:
-    assert "paper" not in written(tmp_path, plain=Section("Plain", "Nothing.")).read_text()
+    assert (
+        "paper" not in written(tmp_path, Section("plain", "Plain", ["Nothing."], DATA)).read_text()
+    )
 
 
 def test_the_page_has_its_tables_and_pictures(tmp_path: Path) -> None:
@@ -82,7 +87,7 @@ def test_the_page_has_its_tables_and_pictures(tmp_path: Path) -> None:
     assert page.count("<table>") == page.count("</table>") == 2
     assert ">50 %</td>" in page
     assert "A &lt; B" in page
-    assert '<img src="figures/curve.png"' in page
+    assert '<img src="figures/sequences.png"' in page
     assert "<strong>Not confirmed.</strong>" in page
 
 
@@ -105,8 +110,8 @@ def cells(tex: str) -> list[list[str]]:
 
 def test_latex_tables_are_tabulars_with_their_special_characters_escaped(tmp_path: Path) -> None:
     written(tmp_path)
-    assert cells((tmp_path / "tables" / "one.tex").read_text()) == [["Only"], ["cell"]]
-    assert cells((tmp_path / "tables" / "errors.tex").read_text()) == [
+    assert cells((tmp_path / "tables" / "sequences-one.tex").read_text()) == [["Only"], ["cell"]]
+    assert cells((tmp_path / "tables" / "sequences.tex").read_text()) == [
         ["Method", r"Share\_won", r"Error \& floor (m)"],
         ["CEM (40 it.)", r"50 \%", r"0.1 $\pm$ 0.2"],
         [
@@ -125,14 +130,14 @@ def test_the_data_comes_back_exactly(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ending", ["png", "pdf"])
 def test_pictures_are_written_without_the_time(tmp_path: Path, ending: str) -> None:
     written(tmp_path)
-    content = (tmp_path / "figures" / f"curve.{ending}").read_bytes()
+    content = (tmp_path / "figures" / f"sequences.{ending}").read_bytes()
     assert content.startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[ending])
     assert b"Date" not in content
 
 
 def test_pictures_are_sharp_enough_to_print(tmp_path: Path) -> None:
     written(tmp_path)
-    header = (tmp_path / "figures" / "curve.png").read_bytes()[:24]
+    header = (tmp_path / "figures" / "sequences.png").read_bytes()[:24]
     assert int.from_bytes(header[16:20]) == 200 * PAGE_INCHES
 
 
@@ -147,10 +152,10 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
         for name in (
             "report.md",
             "report.html",
-            "tables/errors.tex",
-            "tables/one.tex",
-            "figures/curve.png",
-            "figures/curve.pdf",
+            "tables/sequences.tex",
+            "tables/sequences-one.tex",
+            "figures/sequences.png",
+            "figures/sequences.pdf",
             "data/sequences.csv",
         )
     }

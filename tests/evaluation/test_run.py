@@ -22,12 +22,12 @@ from starlette.types import Message, Receive, Scope, Send
 from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.answer_log import AnswerLog, EvaluationError
 from app.evaluation.entrants import DIFFUSION, UNIFORM
+from app.evaluation.question import Question
 from app.evaluation.run import evaluate
-from app.evaluation.section import Section, Table
-from app.evaluation.suite import Answered, Size, Suite
+from app.evaluation.suite import Parts, Size, Suite, Table
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.multistep_reference import MultistepReference
-from app.evaluation.tasks import Task, sequence_tasks
+from app.evaluation.tasks import sequence_tasks
 from app.launch import START_SECONDS, free_port
 from app.main import create_app
 from app.planning.plant.system import System
@@ -84,17 +84,18 @@ class Small(Suite):
     """Two methods on a few sequences."""
 
     name = "small"
-    purpose = "Tests of the run itself"
+    title = "Small"
+    draw_tasks = staticmethod(sequence_tasks)
     FULL = Size(budgets=(4,), tasks=3, runs=2, entrants=(UNIFORM, DIFFUSION))
     system: System | None = None
 
-    def tasks(self) -> list[Task]:
-        return [{**task, "system": self.system} for task in sequence_tasks(3, self.seed)]
+    def questions(self) -> Iterator[Question]:
+        for entrant in self.size.entrants:
+            yield from self.ask(entrant.asking(system=self.system), 4)
 
-    def section(self, data: pd.DataFrame, answered: Answered) -> Section:
-        errors = [(str(error),) for error in data.final_error]
-        assert len(answered) == len(errors)
-        return Section("Small", "A few.", (Table("small", "Errors.", ("Final error",), errors),))
+    def report(self, data: pd.DataFrame) -> Parts:
+        yield "A few."
+        yield Table("Errors.", ("Final error",), [(str(error),) for error in data.final_error])
 
 
 def run(suite: Suite, url: str, out: Path, patience_s: float = START_SECONDS) -> Path:

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from app.evaluation.tasks import (
     TARGETS_PER_SEQUENCE,
-    random_sequences,
-    random_transitions,
     request_seed,
+    sequence_tasks,
+    transition_tasks,
 )
 from app.wire.requests import MAX_SEED
 
@@ -19,24 +19,24 @@ SIZES = st.integers(0, 20)
 
 @given(SEEDS, SIZES, SIZES)
 def test_more_tasks_begin_with_the_same_ones(seed: int, few: int, more: int) -> None:
-    assert random_sequences(few + more, seed)[:few] == random_sequences(few, seed)
-    assert random_transitions(few + more, seed)[:few] == random_transitions(few, seed)
+    assert sequence_tasks(few + more, seed)[:few] == sequence_tasks(few, seed)
+    assert transition_tasks(few + more, seed)[:few] == transition_tasks(few, seed)
 
 
 def test_another_seed_draws_other_tasks() -> None:
-    assert random_sequences(9, seed=0) != random_sequences(9, seed=1)
-    assert random_transitions(9, seed=0) != random_transitions(9, seed=1)
+    assert sequence_tasks(9, seed=0) != sequence_tasks(9, seed=1)
+    assert transition_tasks(9, seed=0) != transition_tasks(9, seed=1)
 
 
 def test_sequences_are_rest_positions_within_a_metre() -> None:
-    sequences = np.array(random_sequences(400, seed=0))
+    sequences = np.array([task["targets"] for task in sequence_tasks(400, seed=0)])
     assert sequences.shape == (400, TARGETS_PER_SEQUENCE, 2)
     assert 0.99 < np.abs(sequences[:, :, 0]).max() <= 1
     assert not sequences[:, :, 1].any()
 
 
 def test_transitions_cover_the_training_range_and_every_other_target_moves() -> None:
-    transitions = np.array(random_transitions(400, seed=0))
+    transitions = np.array([list(task.values()) for task in transition_tasks(400, seed=0)])
     starts, targets = transitions[:, 0], transitions[:, 1]
     for states in (starts, targets):
         assert np.abs(states).max(axis=0) == pytest.approx([1, 0.5], abs=0.02)

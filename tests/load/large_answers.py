@@ -100,10 +100,10 @@ async def _read(address: Address) -> bool:
     end = perf_counter() + READING_SECONDS
     was_served = False
     while perf_counter() < end or not was_served:
-        status, body = await take_answer(address, request)
-        if body is None or status not in (OK, REFUSED):
+        taken = await take_answer(address, request, keep=False)
+        if not taken.is_whole or taken.status not in (OK, REFUSED):
             return False
-        if status == REFUSED:
+        if taken.status == REFUSED:
             await asyncio.sleep(COMING_BACK_SECONDS)
         else:
             was_served = True

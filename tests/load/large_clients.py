@@ -46,8 +46,9 @@ class Taken(NamedTuple):
     """What came to a client that reads; status 0 where nothing did."""
 
     status: int
-    body: bytearray | None
-    """None unless it is whole."""
+    is_whole: bool
+    body: bytearray = bytearray()
+    """Empty unless it is whole and was to be kept."""
 
 
 class LargeClients:
@@ -86,7 +87,7 @@ class LargeClients:
             await asyncio.sleep(self._rng.uniform(0, LONGEST_PAUSE_SECONDS))
 
     def _is_like_first(self, taken: Taken) -> bool:
-        if taken.status != OK or taken.body is None:
+        if taken.status != OK or not taken.is_whole:
             return False
         is_gzip = taken.body.startswith(GZIP)
         text = TIMING.sub(b"", gzip.decompress(taken.body) if is_gzip else taken.body, count=1)
@@ -118,8 +119,14 @@ def large_request(encoding: str = "identity") -> bytes:
     return request_head(ROUTE, len(content), {"Accept-Encoding": encoding}) + content
 
 
-async def take_answer(address: Address, request: bytes) -> Taken:
-    """Ask, and read the answer as fast as it comes."""
+async def take_answer(address: Address, request: bytes, *, keep: bool = True) -> Taken:
+    """Ask, and read the answer as fast as it comes.
+
+    Args:
+        address: of the service.
+        request: what to send.
+        keep: the body; it takes time that a crowd of clients has not.
+    """
     loop = asyncio.get_running_loop()
     status, received = 0, bytearray()
     with suppress(ConnectionError), socket.socket() as connection:
@@ -129,21 +136,23 @@ async def take_answer(address: Address, request: bytes) -> Taken:
         while END_OF_HEAD not in received:
             part = await loop.sock_recv(connection, RECEIVED_AT_ONCE)
             if not part:
-                return Taken(0, None)
+                return Taken(0, False)
             received += part
         head, _, body = received.partition(END_OF_HEAD)
         status = int(head.split()[1])
         length = re.search(rb"(?i)\r\ncontent-length: *(\d+)", head)
         assert length is not None
-        whole = body + bytes(int(length[1]) - len(body))
-        rest = memoryview(whole)[len(body) :]
-        while rest:
-            num_bytes = await loop.sock_recv_into(connection, rest[:RECEIVED_AT_ONCE])
+        missing = int(length[1]) - len(body)
+        buffer = memoryview(bytearray(RECEIVED_AT_ONCE))
+        while missing:
+            num_bytes = await loop.sock_recv_into(connection, buffer)
             if not num_bytes:
-                return Taken(status, None)
-            rest = rest[num_bytes:]
-        return Taken(status, whole)
-    return Taken(status, None)
+                return Taken(status, False)
+            missing -= num_bytes
+            if keep:
+                body += buffer[:num_bytes]
+        return Taken(status, True, body)
+    return Taken(status, False)
 
 
 async def ignore_answer(

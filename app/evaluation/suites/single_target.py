@@ -5,12 +5,11 @@ import pandas as pd
 
 from app.evaluation import grid
 from app.evaluation.case import Case
-from app.evaluation.cells import percent
 from app.evaluation.entrants import PAPER_DIFFUSION
-from app.evaluation.section import Claim, Picture, Section
-from app.evaluation.suite import Answered, Size, Suite
+from app.evaluation.statistics import percent
+from app.evaluation.suite import Claim, Parts, Picture, Size, Suite
 from app.evaluation.suites.sample_budget import TARGET
-from app.evaluation.tasks import REST, Task
+from app.evaluation.tasks import one_task
 from app.figures.plan import draw_plan
 from app.wire.answers import PlanResponse
 from app.wire.requests import PlanRequest
@@ -25,56 +24,46 @@ MANY = 0.5
 
 
 class SingleTarget(Suite):
-    """The paper's picture of one plan and its candidates."""
+    """Figure 1: one plan, 0.2 m from rest to rest, its 512 candidates."""
 
     name = "single-target"
-    purpose = "Figure 1: one plan, 0.2 m from rest to rest, its 512 candidates"
+    title = "One plan and its candidates (Figure 1)"
+    draw_tasks = staticmethod(one_task(target_state=TARGET, include=["candidates"]))
     FULL = Size(budgets=(512,), entrants=(PAPER_DIFFUSION,))
     QUICK = Size(budgets=(32,), entrants=(PAPER_DIFFUSION,))
     trajectories = True
 
-    def tasks(self) -> list[Task]:
-        return [{"initial_state": REST, "target_state": TARGET, "include": ["candidates"]}]
-
-    def section(self, data: pd.DataFrame, answered: Answered) -> Section:
-        ((question, answer),) = answered
+    def report(self, data: pd.DataFrame) -> Parts:
+        (question,), (answer,) = self.questions(), data.answer
         assert isinstance(question.request, PlanRequest)
         plan = PlanResponse.model_validate(answer.content)
         errors = answer.content["candidates"]["terminal_errors"]
         frame = pd.DataFrame({"entrant": PAPER_DIFFUSION.label, ERROR: errors})
         candidates = Case(frame, PAPER_DIFFUSION, {})
-        return Section(
-            title="One plan and its candidates (Figure 1)",
-            introduction=(
-                f"From rest to {TARGET[0]:g} m, at rest again, with {PAPER_DIFFUSION.label}: of "
-                f"{len(errors)} candidates the one that ends nearest to the target is selected. A "
-                f"mass that does not move ends {TARGET[0]:g} m from it."
-            ),
-            tables=(
-                grid.table(
-                    self.name,
-                    "Terminal errors of the candidates: the share within a distance of the target, "
-                    "the median and the least.",
-                    [candidates],
-                    (
-                        grid.Column("Candidates", lambda case: str(len(case.rows))),
-                        *(grid.within(f"Within {limit:g} m", ERROR, limit) for limit in DISTANCES),
-                        grid.median("Median (m)", ERROR, 3),
-                        grid.Column("Best (m)", lambda case: f"{case.values(ERROR).min():.4f}"),
-                    ),
-                ),
-            ),
-            pictures=(
-                Picture(
-                    "single-target",
-                    f"A plan of {PAPER_DIFFUSION.label} from rest to {TARGET[0]:g} m, and the "
-                    f"{len(errors)} candidates that it is selected from. Inside the grey band a "
-                    "push is too weak to start the mass.",
-                    draw_plan(question.request, plan),
-                ),
-            ),
-            claims=(_concentration(candidates), _threshold_crossing(plan)),
+        yield (
+            f"From rest to {TARGET[0]:g} m, at rest again, with {PAPER_DIFFUSION.label}: of "
+            f"{len(errors)} candidates the one that ends nearest to the target is selected. A "
+            f"mass that does not move ends {TARGET[0]:g} m from it."
         )
+        yield Picture(
+            f"A plan of {PAPER_DIFFUSION.label} from rest to {TARGET[0]:g} m, and the "
+            f"{len(errors)} candidates that it is selected from. Inside the grey band a push is "
+            "too weak to start the mass.",
+            draw_plan(question.request, plan),
+        )
+        yield grid.table(
+            "Terminal errors of the candidates: the share within a distance of the target, the "
+            "median and the least.",
+            [candidates],
+            (
+                grid.Column("Candidates", lambda case: str(len(case.rows))),
+                *(grid.within(f"Within {limit:g} m", ERROR, limit) for limit in DISTANCES),
+                grid.median("Median (m)", ERROR, 3),
+                grid.Column("Best (m)", lambda case: f"{case.values(ERROR).min():.4f}"),
+            ),
+        )
+        yield _concentration(candidates)
+        yield _threshold_crossing(plan)
 
 
 def _concentration(candidates: Case) -> Claim:

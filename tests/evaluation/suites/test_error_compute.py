@@ -1,6 +1,5 @@
 """Figure 3: all points in turn within a run, and claims on who is nearer and faster."""
 
-from collections import defaultdict
 from functools import cache
 
 import numpy as np
@@ -9,11 +8,9 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import DIFFUSION, PAPER_DIFFUSION, REFINED_PRIOR
 from app.evaluation.question import Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.error_compute import ITERATIONS, POINTS, ErrorCompute
-from app.evaluation.tasks import request_seed
-from app.wire.requests import PlanRequest
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = ErrorCompute(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -51,22 +48,16 @@ def section_as_in_the_paper() -> Section:
 
 
 def test_every_point_gets_the_same_runs_and_the_runs_come_outermost() -> None:
-    asked = defaultdict(list)
-    runs = []
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        labels = question.labels
-        runs.append(labels["run"])
-        asked[labels["entrant"], labels["iterations"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.target_state,
-             request.seed)
-        )  # fmt: skip
-        assert getattr(request.method, "iterations", 40) == (labels["iterations"] or 40)
+    task = {"initial_state": (0.0, 0.0), "target_state": (0.5, 0.0)}
+    assert_asked_alike(SUITE, [task], len(POINTS) * len(SUITE.size.budgets))
+    runs = [question.labels["run"] for question in SUITE.questions()]
     assert runs == sorted(runs)
-    assert len(asked) == len(POINTS) * len(SUITE.size.budgets)
-    expected = [(0, run, (0.0, 0.0), (0.5, 0.0), request_seed(3, 0, run)) for run in range(2)]
-    assert all(questions == expected for questions in asked.values())
+
+
+def test_cem_has_the_iterations_that_the_labels_say() -> None:
+    for question in SUITE.questions():
+        done = getattr(question.request.method, "iterations", 40)
+        assert done == (question.labels["iterations"] or 40)
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
@@ -75,7 +66,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
 
 
 def test_a_row_for_each_point() -> None:
-    errors, times = section_as_in_the_paper().tables
+    errors, times = section_as_in_the_paper().all(Table)
     for table in (errors, times):
         assert len(table.rows) == len(POINTS)
         assert list(table.headings) == ["Method", "Iterations", "K = 16", "K = 32"]
@@ -91,7 +82,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_all_points_are_drawn_and_tiny_errors_as_a_micrometre() -> None:
-    (picture,) = section_as_in_the_paper().pictures
+    (picture,) = section_as_in_the_paper().all(Picture)
     assert [axes.get_title() for axes in picture.figure.axes] == ["K = 16", "K = 32"]
     for axes in picture.figure.axes:
         drawn = np.concatenate([np.asarray(line.get_xydata()) for line in axes.lines])
@@ -101,7 +92,7 @@ def test_all_points_are_drawn_and_tiny_errors_as_a_micrometre() -> None:
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    claims = section_as_in_the_paper().claims
+    claims = section_as_in_the_paper().all(Claim)
     assert [claim.confirmed for claim in claims] == [True] * 3
     assert claims[0].evidence == (
         "Action Diffusion (paper): 0.0105 m in 12.5 ms; CEM at its best, after 40 iterations: "
@@ -127,11 +118,11 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
 def test_a_claim_fails_where_the_points_lie_otherwise(
     number: int, changed: dict[tuple[str, int], Point]
 ) -> None:
-    assert not section(WORLD | changed).claims[number].confirmed
+    assert not section(WORLD | changed).all(Claim)[number].confirmed
 
 
 def test_cem_s_points_that_are_as_good_are_named() -> None:
-    claim = section(WORLD | {("CEM", LOW): (0.005, 10.0)}).claims[0]
+    claim = section(WORLD | {("CEM", LOW): (0.005, 10.0)}).all(Claim)[0]
     assert not claim.confirmed
     assert claim.evidence.endswith(
         "no worse: 20, 25, 30, 35, 40; neither slower nor worse: 20, 25, 30, 35, 40."
@@ -141,6 +132,6 @@ def test_cem_s_points_that_are_as_good_are_named() -> None:
 def test_any_other_method_may_dominate() -> None:
     slow = {(REFINED_PRIOR.label, k): (1e-16, 9e3) for k in SUITE.size.budgets}
     fast = {(DIFFUSION.label, k): (1e-4, 5.0) for k in SUITE.size.budgets}
-    claim = section(WORLD | slow | fast).claims[2]
+    claim = section(WORLD | slow | fast).all(Claim)[2]
     assert claim.confirmed
     assert f"{DIFFUSION.label} at K = 16; {DIFFUSION.label} at K = 32." in claim.evidence

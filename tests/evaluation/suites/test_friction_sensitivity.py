@@ -1,6 +1,5 @@
 """Table 3: the questions of Table 2 again where the plant is nominal, and what the claim needs."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 
 import pytest
@@ -14,13 +13,12 @@ from app.evaluation.entrants import (
     REFINED_PRIOR,
 )
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.friction_sensitivity import FRICTIONS, FrictionSensitivity
 from app.evaluation.suites.multistep_random import MultistepRandom
-from app.evaluation.tasks import random_sequences, request_seed
+from app.evaluation.tasks import sequence_tasks
 from app.planning.plant.system import System
-from app.wire.requests import MultistepPlanRequest
-from tests.evaluation.synthetic import section_of, sequence_answer, split
+from tests.evaluation.synthetic import assert_asked_alike, section_of, sequence_answer, split
 
 WHOLE = FrictionSensitivity(seed=3)
 SUITE = FrictionSensitivity(seed=3, quick=True)
@@ -48,18 +46,8 @@ def section(errors: World = ERRORS, compute_ms: float = 1.0) -> Section:
 
 
 def test_everybody_gets_the_same_tasks_and_seeds_for_every_friction() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, MultistepPlanRequest)
-        labels = question.labels
-        asked[labels["entrant"], labels["static_friction"]].append(
-            (labels["task"], labels["run"], request.targets, request.seed)
-        )
-    assert len(asked) == len(SUITE.size.entrants) * len(FRICTIONS)
-    sequences = random_sequences(3, SUITE.seed)
-    expected = [(task, 0, sequences[task], request_seed(SUITE.seed, task, 0)) for task in range(3)]
-    assert all(questions == expected for questions in asked.values())
+    tasks = sequence_tasks(3, SUITE.seed)
+    assert_asked_alike(SUITE, tasks, len(SUITE.size.entrants) * len(FRICTIONS))
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
@@ -98,7 +86,7 @@ def test_questions_on_the_nominal_plant_are_those_of_the_random_multistep_suite(
 
 
 def test_a_row_for_each_method_with_the_paper_s_numbers_beside() -> None:
-    errors, statistics, times = section().tables
+    errors, statistics, times = section().all(Table)
     assert errors.rows[0] == (
         PAPER_DIFFUSION.label, "0.110 ± 0.008", "0.14 ± 0.1", "0.000", "0.110 ± 0.008",
         "0.15 ± 0.1", "0.000", "0.110 ± 0.008", "0.10 ± 0.1", "0.000",
@@ -119,7 +107,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_a_line_of_each_method_is_drawn() -> None:
-    (picture,) = section().pictures
+    (picture,) = section().all(Picture)
     (axes,) = picture.figure.axes
     assert [line.get_label() for line in axes.containers] == [
         of.label for of in SUITE.size.entrants
@@ -127,7 +115,7 @@ def test_a_line_of_each_method_is_drawn() -> None:
 
 
 def test_the_claim_holds_where_action_diffusion_leads_for_every_friction() -> None:
-    (claim,) = section().claims
+    (claim,) = section().all(Claim)
     assert claim.confirmed
     assert "CEM (40 it.): -0.200 [-0.200, -0.200] m at f_s = 0.6" in claim.evidence
 
@@ -137,6 +125,6 @@ def test_the_claim_holds_where_action_diffusion_leads_for_every_friction() -> No
 def test_the_claim_fails_where_another_is_as_good_for_one_friction(
     other: Entrant, friction: float
 ) -> None:
-    (claim,) = section({**ERRORS, (other, friction): 0.1}).claims
+    (claim,) = section({**ERRORS, (other, friction): 0.1}).all(Claim)
     assert not claim.confirmed
     assert f"+0.000 [+0.000, +0.000] m at f_s = {friction}" in claim.evidence

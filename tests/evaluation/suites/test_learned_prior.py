@@ -14,18 +14,19 @@ from app.evaluation.entrants import (
     UNIFORM,
 )
 from app.evaluation.question import Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.learned_prior import (
     DESCENT,
     EXACT_GAP,
     LEAST_ENERGY,
-    REFINED_BY,
     REPAIR,
     SUCCESS_GAP,
+    WAYS,
     LearnedPrior,
 )
 from app.evaluation.suites.random_targets import RandomTargets
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from app.evaluation.tasks import transition_tasks
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = LearnedPrior(seed=3, quick=True)
 TASKS = SUITE.size.tasks
@@ -36,7 +37,7 @@ def section(compute_ms: float = 1.0) -> Section:
 
     def answer(question: Question) -> Answer:
         labels = question.labels
-        behind = labels["entrant"] == DATASET_PRIOR.label and labels["refined_by"] == DESCENT
+        behind = labels["entrant"] == DATASET_PRIOR.label and labels["refined_by"] == DESCENT.label
         return plan_answer(
             gap=0.5 * (behind and int(labels["task"]) % 2),
             control_energy=20 + int(labels["task"]) + 0.25 * behind,
@@ -47,15 +48,7 @@ def section(compute_ms: float = 1.0) -> Section:
 
 
 def test_everybody_gets_the_same_tasks_and_seeds() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        labels, body = question.labels, question.body["request"]
-        asked[labels["refined_by"], labels["entrant"], labels["num_candidates"]].append(
-            [body[name] for name in ("initial_state", "target_state", "seed")]
-        )
-    first, *others = asked.values()
-    assert len(first) == TASKS
-    assert all(tasks == first for tasks in others)
+    assert_asked_alike(SUITE, transition_tasks(TASKS, SUITE.seed), 27)
 
 
 def test_the_uniform_and_larger_budgets_take_part_where_they_tell_something() -> None:
@@ -67,12 +60,12 @@ def test_the_uniform_and_larger_budgets_take_part_where_they_tell_something() ->
         budgets[labels["refined_by"], labels["entrant"]].add(labels["num_candidates"])
     assert budgets == {
         **{
-            (way, entrant.label): {1, 4, 16}
+            (way.label, entrant.label): {1, 4, 16}
             for way in (DESCENT, REPAIR)
             for entrant in (DIFFUSION, DATASET_PRIOR, UNIFORM)
         },
-        (LEAST_ENERGY, DIFFUSION.label): {1, 4, 16},
-        (LEAST_ENERGY, DATASET_PRIOR.label): {1, 4, 16, 64, 256, 1024},
+        (LEAST_ENERGY.label, DIFFUSION.label): {1, 4, 16},
+        (LEAST_ENERGY.label, DATASET_PRIOR.label): {1, 4, 16, 64, 256, 1024},
     }
 
 
@@ -80,8 +73,8 @@ def test_requests_are_refined_as_their_labels_say() -> None:
     for question in SUITE.questions():
         way, request = question.labels["refined_by"], question.request
         assert request.refine is not None
-        assert request.refine.repair == (way != DESCENT)
-        assert (request.objective == "control_energy") == (way == LEAST_ENERGY)
+        assert request.refine.repair == (way != DESCENT.label)
+        assert (request.objective == "control_energy") == (way == LEAST_ENERGY.label)
 
 
 def test_what_other_suites_ask_for_is_the_same_question() -> None:
@@ -104,21 +97,21 @@ def test_success_and_exactness_are_read_off_the_gap(gap: float, success: bool, e
     question = next(SUITE.questions())
     (row,) = SUITE.rows(question, plan_answer(gap))
     assert (row["gap"], row["success"], row["exact"]) == (gap, success, exact)
-    assert row["refined_by"] == DESCENT
+    assert row["refined_by"] == DESCENT.label
 
 
 def test_tables_hold_everybody_and_the_paired_differences() -> None:
-    results, differences, times = section().tables
+    results, differences, times = section().all(Table)
     assert [len(table.rows) for table in (results, differences, times)] == [27, 9, 27]
     assert results.rows[1] == (
-        DESCENT, DATASET_PRIOR.label, "1", "50.0 %", "50.0 %", "23.8", "1.00", "0.0",
+        DESCENT.label, DATASET_PRIOR.label, "1", "50.0 %", "50.0 %", "23.8", "1.00", "0.0",
     )  # fmt: skip
     way, k, success, _, energy, *_ = differences.rows[0]
-    assert (way, k) == (DESCENT, "1")
+    assert (way, k) == (DESCENT.label, "1")
     assert success.startswith("+0.500 [+0.")
     assert energy == "-0.250 [-0.250, -0.250]"
-    assert differences.rows[3][:3] == (REPAIR, "1", "+0.000 [+0.000, +0.000]")
-    assert times.rows[-1] == (LEAST_ENERGY, DATASET_PRIOR.label, "1024", "1027.50")
+    assert differences.rows[3][:3] == (REPAIR.label, "1", "+0.000 [+0.000, +0.000]")
+    assert times.rows[-1] == (LEAST_ENERGY.label, DATASET_PRIOR.label, "1024", "1027.50")
 
 
 def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
@@ -128,11 +121,11 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_each_way_of_refining_is_drawn_with_what_the_prior_buys() -> None:
-    (picture,) = section().pictures
+    (picture,) = section().all(Picture)
     success, energy, _ = picture.figure.axes
     for axes, bought in ((success, 0.5), (energy, -0.25)):
         drawn = {}
         for container in axes.containers:
             assert isinstance(container, ErrorbarContainer)
             drawn[container.get_label()] = np.asarray(container.lines[0].get_ydata()).tolist()
-        assert drawn == {way: [bought * (way == DESCENT)] * 3 for way in REFINED_BY}
+        assert drawn == {way.label: [bought * (way == DESCENT)] * 3 for way in WAYS}

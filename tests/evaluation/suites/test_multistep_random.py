@@ -1,6 +1,5 @@
 """Table 2: everybody gets the same tasks and seeds, and the claims follow the numbers."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 
 import pytest
@@ -15,12 +14,11 @@ from app.evaluation.entrants import (
     PAPER_ENTRANTS,
 )
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_random import MultistepRandom
-from app.evaluation.tasks import random_sequences, request_seed
+from app.evaluation.tasks import sequence_tasks
 from app.planning.plant.system import System
-from app.wire.requests import MultistepPlanRequest
-from tests.evaluation.synthetic import section_of, sequence_answer, split
+from tests.evaluation.synthetic import assert_asked_alike, section_of, sequence_answer, split
 
 SUITE = MultistepRandom(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -57,22 +55,8 @@ def section(errors: World = ERRORS, stuck: World = STUCK, compute_ms: float = 1.
 
 
 def test_everybody_gets_the_same_tasks_and_seeds_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, MultistepPlanRequest)
-        labels = question.labels
-        asked[labels["entrant"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.targets, request.seed)
-        )
-    assert len(asked) == len(ENTRANTS) * len(SUITE.size.budgets)
-    sequences = random_sequences(3, SUITE.seed)
-    expected = [
-        (task, run, (0.0, 0.0), sequences[task], request_seed(SUITE.seed, task, run))
-        for task in range(3)
-        for run in range(2)
-    ]
-    assert all(questions == expected for questions in asked.values())
+    tasks = sequence_tasks(3, SUITE.seed)
+    assert_asked_alike(SUITE, tasks, len(ENTRANTS) * len(SUITE.size.budgets))
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_one() -> None:
@@ -91,7 +75,7 @@ def test_a_plant_and_more_columns_may_be_given() -> None:
 
 
 def test_a_row_for_each_method_and_k_with_the_paper_s_numbers_beside() -> None:
-    errors, statistics, times, *wins = section().tables
+    errors, statistics, times, *wins = section().all(Table)
     for table in (errors, statistics, times):
         assert len(table.rows) == len(ENTRANTS) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
@@ -101,10 +85,7 @@ def test_a_row_for_each_method_and_k_with_the_paper_s_numbers_beside() -> None:
     )  # fmt: skip
     assert statistics.rows[1][2:] == ("0.410 [0.400, 0.420]", "+0.300 [+0.300, +0.300]")
     assert times.rows[0][2:] == ("0.001 ± 0.000", "0.68 ± 0.1", "0.3", "0.002 ± 0.000")
-    assert [table.name for table in wins] == [
-        "multistep-random-wins-16",
-        "multistep-random-wins-32",
-    ]
+    assert [table.part for table in wins] == ["wins-16", "wins-32"]
     assert wins[0].rows[0][1:4] == ("", "100 %", "100 %")
 
 
@@ -115,13 +96,13 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_lines_of_all_methods_are_drawn() -> None:
-    (picture,) = section().pictures
+    (picture,) = section().all(Picture)
     for axes in picture.figure.axes:
         assert [line.get_label() for line in axes.containers] == [of.label for of in ENTRANTS]
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    claims = section().claims
+    claims = section().all(Claim)
     assert [claim.confirmed for claim in claims] == [True] * 6
     assert "-0.400 [-0.400, -0.400] m at K = 16" in claims[0].evidence
     assert "0.400 m at K = 16 and 0.200 m at K = 32" in claims[1].evidence
@@ -138,12 +119,12 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
     ],
 )
 def test_a_claim_fails_where_errors_are_otherwise(number: int, changed: World) -> None:
-    claims = section(errors={**ERRORS, **changed}).claims
+    claims = section(errors={**ERRORS, **changed}).all(Claim)
     assert not claims[number].confirmed
 
 
 def test_a_method_that_is_better_at_one_k_only_is_not_better_than_all() -> None:
-    claim = section(errors={**ERRORS, (MPPI, LOW): 0.05}).claims[5]
+    claim = section(errors={**ERRORS, (MPPI, LOW): 0.05}).all(Claim)[5]
     assert claim.confirmed
     assert claim.evidence.endswith("none.")
 
@@ -151,7 +132,7 @@ def test_a_method_that_is_better_at_one_k_only_is_not_better_than_all() -> None:
 @pytest.mark.parametrize("k", SUITE.size.budgets)
 @pytest.mark.parametrize("other", PAPER_ENTRANTS[1:])
 def test_the_claim_on_stuck_steps_fails_where_another_has_fewer(other: Entrant, k: int) -> None:
-    claim = section(stuck={**STUCK, (other, k): 9}).claims[4]
+    claim = section(stuck={**STUCK, (other, k): 9}).all(Claim)[4]
     assert not claim.confirmed
     assert f"{other.label} 9.0" in claim.evidence
 
@@ -164,4 +145,4 @@ def test_a_lead_in_doubt_does_not_count() -> None:
         error = 0.2 - 0.1 * ahead + 0.3 * (ahead and question.labels["task"] == 0)
         return sequence_answer(error)
 
-    assert not section_of(SUITE, answer).claims[0].confirmed
+    assert not section_of(SUITE, answer).all(Claim)[0].confirmed

@@ -1,6 +1,5 @@
 """Figure 4: everybody gets the same runs, which are drawn one by one, and claims on them."""
 
-from collections import defaultdict
 from dataclasses import asdict
 from functools import cache
 
@@ -10,12 +9,10 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import CEM, PAPER_DIFFUSION
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.multistep_reference import COMPARED, MultistepReference
-from app.evaluation.tasks import request_seed
 from app.planning.plant.system import System
-from app.wire.requests import MultistepPlanRequest
-from tests.evaluation.synthetic import section_of, sequence_answer, split
+from tests.evaluation.synthetic import assert_asked_alike, section_of, sequence_answer, split
 
 SUITE = MultistepReference(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -56,20 +53,10 @@ def section_as_in_the_paper() -> Section:
 
 
 def test_everybody_gets_the_same_runs_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, MultistepPlanRequest)
-        assert question.trajectories
-        assert request.include == ["states"]
-        labels = question.labels
-        asked[labels["entrant"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.targets, request.seed)
-        )
-    assert len(asked) == len(COMPARED) * len(SUITE.size.budgets)
     targets = [(0.4, 0.0), (-0.4, 0.0), (0.2, 0.0)]
-    expected = [(0, run, (0.0, 0.0), targets, request_seed(3, 0, run)) for run in range(2)]
-    assert all(questions == expected for questions in asked.values())
+    task = {"initial_state": (0.0, 0.0), "targets": targets, "include": ["states"]}
+    assert_asked_alike(SUITE, [task], len(COMPARED) * len(SUITE.size.budgets))
+    assert all(question.trajectories for question in SUITE.questions())
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
@@ -78,7 +65,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
 
 
 def test_a_row_for_each_method_and_k() -> None:
-    errors, times = section_as_in_the_paper().tables
+    errors, times = section_as_in_the_paper().all(Table)
     for table in (errors, times):
         assert len(table.rows) == len(COMPARED) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
@@ -95,7 +82,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_runs_and_their_mean_are_drawn_in_a_column_for_each_method() -> None:
-    (picture,) = section_as_in_the_paper().pictures
+    (picture,) = section_as_in_the_paper().all(Picture)
     panels = np.array(picture.figure.axes).reshape(4, len(COMPARED))
     assert [axes.get_title() for axes in panels[0]] == [entrant.label for entrant in COMPARED]
     for axes in panels.flat:
@@ -104,7 +91,7 @@ def test_runs_and_their_mean_are_drawn_in_a_column_for_each_method() -> None:
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    claims = section_as_in_the_paper().claims
+    claims = section_as_in_the_paper().all(Claim)
     assert [claim.confirmed for claim in claims] == [True] * 4
     assert f"{PAPER_DIFFUSION.label} 0.020 to 0.030 m, {CEM.label} 0.300 to 0.310 m" in (
         claims[0].evidence
@@ -125,4 +112,4 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
     ],
 )
 def test_a_claim_fails_where_the_runs_are_otherwise(number: int, changed: World) -> None:
-    assert not section(WORLD | changed).claims[number].confirmed
+    assert not section(WORLD | changed).all(Claim)[number].confirmed

@@ -1,7 +1,5 @@
 """Plans on other plants than theirs: the executed errors are those of the physics."""
 
-from collections import defaultdict
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +7,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.plant_sensitivity import (
     CHANGES,
     NOMINAL,
@@ -26,6 +24,7 @@ from app.planning.problem import Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
 from app.wire.requests import PlanRequest
+from tests.evaluation.synthetic import assert_asked_alike
 
 SUITE = PlantSensitivity(seed=3, quick=True)
 DT = NOMINAL.time_step
@@ -57,27 +56,16 @@ def section(errors: dict[tuple[Entrant, Plant], float]) -> Section:
         for task in range(SUITE.size.tasks)
         for plant in PLANTS
     ]
-    return SUITE.section(pd.DataFrame(rows), [])
+    data = pd.DataFrame(rows)
+    return Section(SUITE.name, SUITE.title, list(SUITE.report(data)), data)
 
 
 def test_everybody_gets_the_first_random_transitions_with_the_same_seeds() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        assert question.trajectories
-        assert request.include == []
-        assert request.system is None
-        asked[question.labels["entrant"]].append(
-            (question.labels["task"], request.initial_state, request.target_state, request.seed)
-        )
-    elsewhere = [
-        (question.labels["task"], request.initial_state, request.target_state, request.seed)
-        for question in RandomTargets(seed=3, quick=True).questions()
-        if isinstance(request := question.request, PlanRequest)
-    ]
-    assert len(asked) == len(ENTRANTS)
-    assert all(questions == elsewhere[: SUITE.size.tasks] for questions in asked.values())
+    elsewhere = RandomTargets(seed=3, quick=True)
+    tasks = elsewhere.draw_tasks(elsewhere.size.tasks, elsewhere.seed)[: SUITE.size.tasks]
+    nominal = [{**task, "include": [], "system": None} for task in tasks]
+    assert_asked_alike(SUITE, nominal, len(ENTRANTS))
+    assert all(question.trajectories for question in SUITE.questions())
 
 
 def test_two_hundred_tasks_at_k_32() -> None:
@@ -151,8 +139,8 @@ def test_one_step_of_sliding_feels_the_true_friction_and_damping() -> None:
 
 def test_tables_of_each_parameter_have_the_means_over_the_changes() -> None:
     errors = {(CEM, ("static_friction", -10)): 0.2, (CEM, ("coulomb_friction", 20)): 0.4}
-    static, coulomb, damping, _, _, _ = section(errors).tables
-    assert static.name == "plant-sensitivity-static-friction"
+    static, coulomb, damping, _, _, _ = section(errors).all(Table)
+    assert static.part == "static-friction"
     assert static.headings == ("Method", "-20 %", "-10 %", "Nominal", "+10 %", "+20 %")
     small = "0.014 ± 0.010"
     rows = {row[0]: row[1:] for row in static.rows}
@@ -168,7 +156,7 @@ def test_the_worst_plant_and_the_parameter_that_hurts_most_are_named() -> None:
         (CEM, ("coulomb_friction", 20)): 0.4,
         (DATASET_PRIOR, ("viscous_damping", 10)): 0.03,
     }
-    *_, success, increase = section(errors).tables
+    *_, success, increase = section(errors).all(Table)
     shares = {row[0]: row[1:] for row in success.rows}
     assert shares[CEM.label] == ("100 %", "0 %", "f_c +20 %")
     assert shares[DATASET_PRIOR.label] == ("100 %", "88 %", "b +10 %")
@@ -187,15 +175,15 @@ def plain() -> Section:
 
 
 def test_the_same_errors_make_the_same_tables(plain: Section) -> None:
-    assert section({}).tables == plain.tables
+    assert section({}).all(Table) == plain.all(Table)
 
 
 def test_the_introduction_says_how_near_any_plan_could_come(plain: Section) -> None:
-    assert "mean floor is 0.005 m" in plain.introduction
+    assert "mean floor is 0.005 m" in plain.all(str)[0]
 
 
 def test_a_panel_for_each_parameter_has_a_line_of_each_method(plain: Section) -> None:
-    (picture,) = plain.pictures
+    (picture,) = plain.all(Picture)
     panels = picture.figure.axes
     assert [axes.get_title() for axes in panels] == [
         "Static friction",

@@ -1,7 +1,5 @@
 """Random targets: the same ones for everybody, and those out of reach apart."""
 
-from collections import defaultdict
-
 import numpy as np
 import pytest
 from matplotlib.patches import StepPatch
@@ -9,11 +7,10 @@ from matplotlib.patches import StepPatch
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import DIFFUSION, ENTRANTS, PAPER_DIFFUSION, UNIFORM
 from app.evaluation.question import Question
-from app.evaluation.section import Section, Table
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.random_targets import RandomTargets
-from app.evaluation.tasks import random_transitions, request_seed
-from app.wire.requests import PlanRequest
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from app.evaluation.tasks import transition_tasks
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = RandomTargets(seed=3, quick=True)
 TASKS = 12
@@ -41,20 +38,9 @@ def cells(table: Table, method: str) -> dict[str, str]:
 
 
 def test_everybody_gets_the_same_tasks_and_seeds_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in RandomTargets(seed=3).questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        assert not question.trajectories
-        asked[question.labels["entrant"], request.num_candidates].append(
-            (question.labels["task"], request.initial_state, request.target_state, request.seed)
-        )
-    assert len(asked) == len(ENTRANTS) * 2
-    expected = [
-        (task, *transition, request_seed(3, task, 0))
-        for task, transition in enumerate(random_transitions(500, 3))
-    ]
-    assert all(questions == expected for questions in asked.values())
+    whole = RandomTargets(seed=3)
+    assert_asked_alike(whole, transition_tasks(500, 3), 2 * len(ENTRANTS))
+    assert not any(question.trajectories for question in whole.questions())
 
 
 def test_the_quick_evaluation_asks_some_of_the_questions_of_the_whole() -> None:
@@ -67,7 +53,7 @@ def test_the_quick_evaluation_asks_some_of_the_questions_of_the_whole() -> None:
 
 
 def test_success_is_counted_by_the_error_and_out_of_reach_by_the_gap_too() -> None:
-    everything, reachable, unreachable, *_ = section().tables
+    everything, reachable, unreachable, *_ = section().all(Table)
     assert "All targets (12)" in everything.caption
     assert "Reachable targets (9)" in reachable.caption
     assert "Unreachable targets (3)" in unreachable.caption
@@ -90,15 +76,15 @@ def test_success_is_counted_by_the_error_and_out_of_reach_by_the_gap_too() -> No
 
 @pytest.mark.parametrize(("unreachable", "kind"), [(0, "reachable"), (TASKS, "unreachable")])
 def test_there_is_no_table_of_no_tasks(unreachable: int, kind: str) -> None:
-    names = [table.name for table in section(unreachable).tables]
-    assert names[:3] == ["random-targets", f"random-targets-{kind}", "random-targets-statistics"]
+    parts = [table.part for table in section(unreachable).all(Table)]
+    assert parts[:3] == ["", kind, "statistics"]
 
 
 def test_differences_are_paired_and_wins_counted() -> None:
-    *_, statistics, _, wins = section().tables
+    *_, statistics, _, wins = section().all(Table)
     ours = cells(statistics, DIFFUSION.label)
     assert ours["Less Action Diffusion (paper) (m)"] == "-0.0400 [-0.0400, -0.0400]"
-    assert wins.name == "random-targets-wins-16"
+    assert wins.part == "wins-16"
     assert cells(wins, DIFFUSION.label)[PAPER_DIFFUSION.label] == "100 %"
     assert cells(wins, UNIFORM.label)[PAPER_DIFFUSION.label] == "0 %"
 
@@ -111,7 +97,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_the_picture_shows_the_share_of_tasks_within_each_gap() -> None:
-    (axes,) = section().pictures[0].figure.axes
+    (axes,) = section().all(Picture)[0].figure.axes
     steps = {patch.get_label(): patch for patch in axes.patches}
     assert list(steps) == [entrant.label for entrant in ENTRANTS]
     patch = steps[PAPER_DIFFUSION.label]
@@ -122,7 +108,7 @@ def test_the_picture_shows_the_share_of_tasks_within_each_gap() -> None:
 
 
 def test_the_picture_has_exact_plans_at_its_edge() -> None:
-    (axes,) = section().pictures[0].figure.axes
+    (axes,) = section().all(Picture)[0].figure.axes
     patch = next(patch for patch in axes.patches if patch.get_label() == DIFFUSION.label)
     assert isinstance(patch, StepPatch)
     _, gaps, _ = patch.get_data()

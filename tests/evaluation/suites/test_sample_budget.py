@@ -1,6 +1,5 @@
 """Figure 2: everybody gets the same runs, and the claims follow the numbers."""
 
-from collections import defaultdict
 from collections.abc import Mapping
 from functools import cache
 
@@ -16,11 +15,9 @@ from app.evaluation.entrants import (
     UNIFORM,
 )
 from app.evaluation.question import Entrant, Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.sample_budget import SampleBudget
-from app.evaluation.tasks import request_seed
-from app.wire.requests import PlanRequest
-from tests.evaluation.synthetic import plan_answer, section_of, split
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
 
 SUITE = SampleBudget(seed=3, quick=True)
 LOW, HIGH = SUITE.size.budgets
@@ -62,19 +59,8 @@ def section_as_in_the_paper() -> Section:
 
 
 def test_everybody_gets_the_same_runs_at_every_k() -> None:
-    asked = defaultdict(list)
-    for question in SUITE.questions():
-        request = question.request
-        assert isinstance(request, PlanRequest)
-        assert request.include == []
-        labels = question.labels
-        asked[labels["entrant"], labels["num_candidates"]].append(
-            (labels["task"], labels["run"], request.initial_state, request.target_state,
-             request.seed)
-        )  # fmt: skip
-    assert len(asked) == len(ENTRANTS) * len(SUITE.size.budgets)
-    expected = [(0, run, (0.0, 0.0), (0.2, 0.0), request_seed(3, 0, run)) for run in range(3)]
-    assert all(questions == expected for questions in asked.values())
+    task = {"initial_state": (0.0, 0.0), "target_state": (0.2, 0.0), "include": []}
+    assert_asked_alike(SUITE, [task], len(ENTRANTS) * len(SUITE.size.budgets))
 
 
 def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_one() -> None:
@@ -86,7 +72,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_o
 
 
 def test_a_row_for_each_method_and_k() -> None:
-    measures, statistics, times, *wins = section_as_in_the_paper().tables
+    measures, statistics, times, *wins = section_as_in_the_paper().all(Table)
     for table in (measures, statistics, times):
         assert len(table.rows) == len(ENTRANTS) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
@@ -96,7 +82,7 @@ def test_a_row_for_each_method_and_k() -> None:
     assert measures.rows[1][2:4] == ("0.0880 ± 0.0065", "0 %")
     assert statistics.rows[1][2:] == ("0.0880 [0.0800, 0.0960]", "+0.0869 [+0.0790, +0.0948]")
     assert times.rows[0][2:] == ("1.0 ± 0.0", "2.0 ± 0.0")
-    assert [table.name for table in wins] == ["sample-budget-wins-16", "sample-budget-wins-32"]
+    assert [table.part for table in wins] == ["wins-16", "wins-32"]
     assert wins[0].caption.startswith("Terminal error, K = 16: share of the runs")
     assert wins[0].rows[0][1:3] == ("", "100 %")
 
@@ -108,7 +94,7 @@ def test_the_same_answers_make_the_same_tables_and_times_stand_apart() -> None:
 
 
 def test_all_methods_are_drawn_and_tiny_errors_as_a_micrometre() -> None:
-    (picture,) = section_as_in_the_paper().pictures
+    (picture,) = section_as_in_the_paper().all(Picture)
     for axes in picture.figure.axes:
         assert [line.get_label() for line in axes.containers] == [of.label for of in ENTRANTS]
     errors = picture.figure.axes[0]
@@ -119,7 +105,7 @@ def test_all_methods_are_drawn_and_tiny_errors_as_a_micrometre() -> None:
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    claims = section_as_in_the_paper().claims
+    claims = section_as_in_the_paper().all(Claim)
     assert [claim.confirmed for claim in claims] == [True] * 4
     assert "0.0011 [0.0010, 0.0012] m at K = 16 (100 % within 0.01 m)" in claims[0].evidence
     assert "K = 16: Uniform, 0.2090 m, 0.0000 m" in claims[3].evidence
@@ -134,10 +120,10 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
     ],
 )
 def test_a_claim_fails_where_errors_are_otherwise(number: int, changed: World) -> None:
-    assert not section(errors={**ERRORS, **changed}).claims[number].confirmed
+    assert not section(errors={**ERRORS, **changed}).all(Claim)[number].confirmed
 
 
 def test_low_energy_is_sufficient_where_the_nearest_method_spends_least() -> None:
-    claim = section(energies={**ENERGIES, (REFINED_PRIOR, HIGH): 5}).claims[3]
+    claim = section(energies={**ENERGIES, (REFINED_PRIOR, HIGH): 5}).all(Claim)[3]
     assert not claim.confirmed
     assert f"K = 32: {REFINED_PRIOR.label}, 0.0000 m, 0.0000 m" in claim.evidence

@@ -6,7 +6,7 @@ import pytest
 from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import PAPER_DIFFUSION
 from app.evaluation.question import Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites import sampler_frontier
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.sampler_frontier import (
@@ -47,7 +47,7 @@ def test_the_setting_of_the_paper_comes_first_and_each_other_once() -> None:
 
 def test_what_a_service_does_by_default_is_among_the_settings_and_named() -> None:
     assert ActionDiffusion().settings in [setting.settings for setting in SETTINGS]
-    assert "default is DPM-Solver++ with 3 steps, s = 2" in section(0, 0, 0).introduction
+    assert "default is DPM-Solver++ with 3 steps, s = 2" in section(0, 0, 0).all(str)[0]
 
 
 def test_requests_have_the_settings_that_their_labels_say() -> None:
@@ -92,14 +92,14 @@ def test_an_asterisk_marks_what_may_be_worse_by_more_than_the_margin(
 ) -> None:
     monkeypatch.setattr(sampler_frontier, "MARGIN", MARGIN)
 
-    (table,) = section(*more).tables
+    (table,) = section(*more).all(Table)
 
     assert "0.125 m worse" in table.caption
     assert all(("*" in cell) == inferior for row in table.rows[1:] for cell in row[4:])
 
 
 def test_a_row_holds_all_budgets_and_the_setting_of_the_paper_is_compared_with_nothing() -> None:
-    (table,) = section(0.25, 0.25, 0.25).tables
+    (table,) = section(0.25, 0.25, 0.25).all(Table)
 
     assert table.headings == ("Sampler", "Steps", "s", "Evaluations", "K = 1", "K = 4")
     assert len(table.rows) == len(SETTINGS)
@@ -111,7 +111,7 @@ def test_a_row_holds_all_budgets_and_the_setting_of_the_paper_is_compared_with_n
 
 
 def test_the_same_answers_make_the_same_table() -> None:
-    assert section(0.1, 0.2, 0.3).tables == section(0.1, 0.2, 0.3).tables
+    assert section(0.1, 0.2, 0.3).all(Table) == section(0.1, 0.2, 0.3).all(Table)
 
 
 def test_every_setting_is_drawn_in_the_panel_of_its_k_and_nothing_else() -> None:
@@ -123,7 +123,7 @@ def test_every_setting_is_drawn_in_the_panel_of_its_k_and_nothing_else() -> None
         k = question.request.num_candidates
         return sequence_answer(error(evaluations(question.request.method), k))
 
-    (picture,) = section_of(SUITE, answer).pictures
+    (picture,) = section_of(SUITE, answer).all(Picture)
 
     for axes, k in zip(picture.figure.axes, SUITE.size.budgets, strict=True):
         *lines, reference, star = axes.lines

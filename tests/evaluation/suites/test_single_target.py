@@ -7,7 +7,7 @@ import pytest
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
-from app.evaluation.section import Section
+from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.single_target import SingleTarget
 from app.evaluation.tasks import request_seed
 from app.wire.answers import CandidatesReport
@@ -54,13 +54,13 @@ def test_one_plan_is_asked_for_with_its_candidates_but_not_their_states(
 
 
 def test_the_table_counts_candidates_by_their_distance() -> None:
-    (table,) = section_as_in_the_paper().tables
+    (table,) = section_as_in_the_paper().all(Table)
     assert table.rows == [("4", "25 %", "50 %", "75 %", "0.065", "0.0050")]
     assert {len(row) for row in table.rows} == {len(table.headings)}
 
 
 def test_candidates_and_plan_are_drawn_over_time() -> None:
-    (picture,) = section_as_in_the_paper().pictures
+    (picture,) = section_as_in_the_paper().all(Picture)
     controls, position, velocity = picture.figure.axes
     assert len(controls.lines) == len(ERRORS) + 1
     np.testing.assert_array_equal(controls.lines[-1].get_ydata(), [*CONTROLS, CONTROLS[-1]])
@@ -69,7 +69,7 @@ def test_candidates_and_plan_are_drawn_over_time() -> None:
 
 
 def test_claims_hold_where_all_is_as_the_paper_says() -> None:
-    concentration, crossing = section_as_in_the_paper().claims
+    concentration, crossing = section_as_in_the_paper().all(Claim)
     assert concentration.confirmed
     assert "25 % within 0.01 m, 50 % within 0.05 m, 75 % within 0.1 m" in concentration.evidence
     assert crossing.confirmed
@@ -80,11 +80,11 @@ def test_claims_hold_where_all_is_as_the_paper_says() -> None:
 
 
 def test_candidates_of_which_half_end_further_away_are_not_many() -> None:
-    assert not section(errors=(0.005, 0.09, 0.11, 0.2)).claims[0].confirmed
+    assert not section(errors=(0.005, 0.09, 0.11, 0.2)).all(Claim)[0].confirmed
 
 
 @pytest.mark.parametrize("controls", [(0.7, 0.9, -0.2, 0.1), (0.9, 0.9, 0.9, 0.9)])
 def test_a_plan_that_starts_weak_or_never_lets_go_is_no_threshold_crossing(
     controls: tuple[float, ...],
 ) -> None:
-    assert not section(controls=controls).claims[1].confirmed
+    assert not section(controls=controls).all(Claim)[1].confirmed

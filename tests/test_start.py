@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
@@ -18,6 +19,13 @@ from app.launch import START_SECONDS, free_port
 from tests.served import wait_until
 
 REQUEST = {"initial_state": [0, 0], "target_state": [0.3, 0], "num_candidates": 4, "seed": 1}
+ODD: list[dict[str, Any]] = [
+    {"method": method, "horizon": horizon, "refine": {"iterations": 3}, "objective": objective}
+    for method in ("uniform", "cem", "mppi", "icem")
+    for horizon in (1, 10, 64)
+    for objective in ("terminal_error", "control_energy", "stuck_steps")
+]
+"""Nobody waits for a kernel because a plan arrives late, or not at all."""
 FAILING = """
 import sys
 import app.serving.runtime
@@ -108,6 +116,10 @@ def test_a_first_start_that_is_killed_goes_on_where_it_was(
         answer = second.client.post("/plan", json=REQUEST)
         wait_until(lambda: "the models run compiled" in second.messages)
         again = second.client.post("/plan", json=REQUEST)
+        compiled = kernels(folder)
+        for odd in ODD:
+            assert second.client.post("/plan", json=REQUEST | odd).is_success
+        assert kernels(folder) == compiled
 
     assert len(kept) > 5
     assert kernels(folder).items() >= kept.items()

@@ -1,6 +1,7 @@
 """Many answers of 17 MB at once: does the service answer others, and get its memory back?"""
 
 import asyncio
+import random
 from collections.abc import Awaitable, Callable, Sequence
 from time import perf_counter
 
@@ -9,7 +10,6 @@ import psutil
 from app.launch import ServerProcess, launch
 from tests.load.connections import Connections
 from tests.load.large_clients import (
-    COMING_BACK_SECONDS,
     OK,
     REFUSED,
     Address,
@@ -28,6 +28,8 @@ DROPPING_SECONDS = 60.0
 GROWTH_MB = 50.0
 SETTLING_SECONDS = 1.0
 POLL_SECONDS = 0.02
+COMING_BACK_SECONDS = (0.5, 1.5)
+"""How long a client waits that was refused; as with real ones, not all as long."""
 
 
 async def large_answers(crowds: Sequence[int]) -> Verdict:
@@ -94,6 +96,10 @@ def _memory_mb(process: psutil.Process) -> float:
     return float(process.memory_info().rss) / 1e6
 
 
+async def _wait_to_come_back() -> None:
+    await asyncio.sleep(random.uniform(*COMING_BACK_SECONDS))
+
+
 async def _read(address: Address) -> bool:
     """Ask again and again; return whether there were answers, and all of them whole."""
     request = large_request()
@@ -104,7 +110,7 @@ async def _read(address: Address) -> bool:
         if not taken.is_whole or taken.status not in (OK, REFUSED):
             return False
         if taken.status == REFUSED:
-            await asyncio.sleep(COMING_BACK_SECONDS)
+            await _wait_to_come_back()
         else:
             was_served = True
     return was_served
@@ -118,5 +124,5 @@ async def _never_read(address: Address) -> bool:
         outcome = await ignore_answer(address, request, end - perf_counter())
         if outcome != "refused":
             return outcome == "dropped"
-        await asyncio.sleep(COMING_BACK_SECONDS)
+        await _wait_to_come_back()
     return False

@@ -66,6 +66,15 @@ def random_start(rng: np.random.Generator, system: System) -> FloatArray:
     return np.array([rng.uniform(-1, 1), velocity])
 
 
+def hops_in_many_ways(system: System) -> bool:
+    """Say whether the set may fall into so many pieces that holes are filled: a bound only then."""
+    above, dead = (
+        system.control_limit - system.static_friction,
+        system.static_friction - system.coulomb_friction,
+    )
+    return 0.0 < above < dead and system.time_step * (above + dead) < system.velocity_threshold
+
+
 def floor_of(system: System, start: FloatArray, target: FloatArray, horizon: int) -> Reachability:
     return reachability(Problem(start, target, system, horizon))
 
@@ -137,6 +146,7 @@ def test_mirror_symmetry(seed: int) -> None:
 def test_from_rest_more_steps_never_hurt_and_the_fewest_are_the_fewest(seed: int) -> None:
     rng = np.random.default_rng(seed)
     system, start = random_system(rng), np.array([0.3, 0.0])
+    assume(not hops_in_many_ways(system))
     target = start + rng.uniform(-0.1, 0.1, 2) * rng.choice([0.0, 1.0], 2)
     results = {horizon: floor_of(system, start, target, horizon) for horizon in range(1, 16)}
     for horizon in range(2, 16):

@@ -30,8 +30,8 @@ def sample_transitions(
     position = rng.uniform(*config.data.position_range, num_samples)
     velocity = rng.uniform(*config.data.velocity_range, num_samples)
     initial_states = np.stack([position, velocity], axis=1)
-    limit = config.system.control_limit
-    controls = config.prior.sample(num_samples, config.data.horizon, limit, rng)
+    plant = config.system.plant
+    controls = config.prior.sample(num_samples, config.data.horizon, plant, rng)
     terminal_states = rollout(config.system, initial_states, controls)[:, -1]
     return Transitions(controls, initial_states, terminal_states)
 

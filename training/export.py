@@ -62,7 +62,7 @@ def _manifest(trainer: Trainer, sha256: str) -> Manifest:
         sha256=sha256,
         plants=PlantRange.only(config.system),
         horizon=config.data.horizon,
-        control_scale=config.system.control_limit,
+        control_scale=config.system.plant.highest_control,
         condition=trainer.conditioning,
         alphas_cumprod=tuple(trainer.alphas_cumprod.tolist()),
         training=config.model_dump(mode="json"),

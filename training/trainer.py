@@ -93,7 +93,7 @@ class Trainer:
             config, data.validation_samples, self._rng(Stream.VALIDATION_DATA)
         )
         self.conditioning = state_conditioning(training)
-        prepare = (self.conditioning, config.system.control_limit, device)
+        prepare = (self.conditioning, config.system.plant.highest_control, device)
         self._training = TrainingSet.prepare(training, *prepare)
         self._validation = TrainingSet.prepare(validation, *prepare)
         self.alphas_cumprod = cosine_alphas_cumprod(config.diffusion.num_timesteps)

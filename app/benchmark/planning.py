@@ -29,21 +29,25 @@ def planning() -> Iterator[str]:
 
 
 def numpy_rollout(system: System, initial_state: FloatArray, controls: FloatArray) -> FloatArray:
-    """Roll out `controls` (K, H) with NumPy, vectorised over K; return the states (K, H+1, 2)."""
+    """Roll out `controls` (K, H) with NumPy, vectorised over K; return the states (K, H+1, 2).
+
+    For a plant that is the same both ways, as the paper's is: NumPy gets no more to do than it has.
+    """
+    plant = system.plant
     num_candidates, horizon = controls.shape
     states = np.empty((num_candidates, horizon + 1, 2))
     states[:, 0] = initial_state
     position, velocity = states[:, 0, 0].copy(), states[:, 0, 1].copy()
     for k in range(horizon):
         control = controls[:, k]
-        at_rest = np.abs(velocity) < system.velocity_threshold
-        friction = system.coulomb_friction * np.sign(np.where(at_rest, control, velocity))
-        drag = np.where(at_rest, 0.0, system.viscous_damping * velocity)
-        following = velocity + system.time_step * (control - friction - drag)
+        at_rest = np.abs(velocity) < plant.velocity_threshold
+        friction = plant.coulomb_forward * np.sign(np.where(at_rest, control, velocity))
+        drag = np.where(at_rest, 0.0, plant.damping_forward * velocity)
+        following = velocity + plant.time_step * (control - friction - drag)
         reversed_ = ~at_rest & (following * velocity < 0)
-        stuck = at_rest & (np.abs(control) <= system.static_friction)
+        stuck = at_rest & (np.abs(control) <= plant.static_forward)
         velocity = np.where(reversed_ | stuck, 0.0, following)
-        position = position + system.time_step * velocity
+        position = position + plant.time_step * velocity
         states[:, k + 1, 0], states[:, k + 1, 1] = position, velocity
     return states
 

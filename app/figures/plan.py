@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from app.figures.style import BLACK, BLUE, GREY, RED, new_figure
+from app.planning.plant.friction import resting_controls
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.wire.answers import PlanResponse
@@ -58,9 +59,10 @@ def draw_plan(request: PlanRequest, answer: PlanResponse) -> Figure:
 
 def draw_stiction_band(axes: Axes, system: System) -> None:
     """Draw the band of controls in which a mass at rest stays at rest, and set the limits."""
-    threshold = system.static_friction
-    axes.axhspan(-threshold, threshold, color=GREY, alpha=0.15, lw=0, label="stiction band")
-    axes.set_ylim(-1.1 * system.control_limit, 1.1 * system.control_limit)
+    plant = system.plant
+    axes.axhspan(*resting_controls(plant), color=GREY, alpha=0.15, lw=0, label="stiction band")
+    margin = 0.05 * (plant.highest_control - plant.lowest_control)
+    axes.set_ylim(plant.lowest_control - margin, plant.highest_control + margin)
 
 
 def draw_controls(

@@ -73,7 +73,7 @@ def best_candidate(
 
     Args:
         problem: the plant, and the target position for the stuck steps.
-        controls: (K, H), m/s^2.
+        controls: (K, H).
         states: (K, H+1, 2), from the rollout of `controls`.
         errors: (K,), terminal errors of `states`.
         objective: what to have least of.

@@ -49,14 +49,16 @@ class Options:
 
 
 def check_ranges(options: object) -> None:
-    """Check the numbers of a dataclass against the ranges in its annotations; None has no range.
+    """Check the numbers of a dataclass against the ranges in its annotations.
+
+    None has no range, and options within options have been checked when they were made.
 
     Raises:
         ValueError: a number is not finite or out of its range.
     """
     for name, constraints in _constraints(type(options)):  # type: ignore[arg-type]
         value = getattr(options, name)
-        if value is None:
+        if value is None or isinstance(value, Options):
             continue
         if not math.isfinite(value):
             raise ValueError(f"{name} must be a finite number")

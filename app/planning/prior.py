@@ -9,6 +9,7 @@ from annotated_types import Ge, Interval, Le
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.options import Options
+from app.planning.plant.system import Plant
 
 Fraction = Annotated[float, Interval(ge=0, le=1)]
 
@@ -17,7 +18,7 @@ Fraction = Annotated[float, Interval(ge=0, le=1)]
 class ControlPrior(Options):
     """Piecewise constant kicks, medium and near-zero inputs, smoothed by a first-order filter.
 
-    Magnitudes are fractions of the control limit u_max.
+    Magnitudes are fractions of the control limit u_max, forward and backward of each side's.
     """
 
     num_segments: Annotated[int, Ge(1), Le(1024)] = 8
@@ -43,15 +44,15 @@ class ControlPrior(Options):
         self,
         num_candidates: int,
         horizon: int,
-        control_limit: float,
+        plant: Plant,
         rng: np.random.Generator,
     ) -> FloatArray:
-        """Draw `num_candidates` control sequences; return (K, H) in m/s^2 within the limit."""
+        """Draw `num_candidates` control sequences; return (K, H) within the plant's limits."""
         return _sample(
             rng,
             num_candidates,
             horizon,
-            float(control_limit),
+            plant,
             self.num_segments,
             float(self.kick_probability),
             float(self.medium_probability),
@@ -67,7 +68,7 @@ def _sample(
     rng: np.random.Generator,
     num_candidates: int,
     horizon: int,
-    control_limit: float,
+    plant: Plant,
     num_segments: int,
     kick_probability: float,
     medium_probability: float,
@@ -93,6 +94,8 @@ def _sample(
         for k in range(horizon):
             segment_value = segments[k * num_segments // horizon]
             filtered = filter_coefficient * filtered + (1.0 - filter_coefficient) * segment_value
+            limit = plant.highest_control if filtered >= 0.0 else -plant.lowest_control
             # A convex combination of values within [-1, 1]; the clip only guards the last bit.
-            controls[candidate, k] = control_limit * min(1.0, max(-1.0, filtered))
+            control = limit * min(1.0, max(-1.0, filtered))
+            controls[candidate, k] = min(plant.highest_control, max(plant.lowest_control, control))
     return controls

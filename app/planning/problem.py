@@ -105,7 +105,7 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """What a method proposes: control sequences (K, H) in m/s^2, and how long they waited (ms)."""
+    """What a method proposes: control sequences (K, H), and how long they waited (ms)."""
 
     controls: FloatArray
     queue_ms: float = 0.0

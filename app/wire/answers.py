@@ -64,7 +64,7 @@ class TimingReport(WireModel):
 class CandidatesReport(WireModel):
     """All candidates, in the order in which they were proposed."""
 
-    controls: list[list[float]] = Field(description="(K, H), m/s^2.")
+    controls: list[list[float]] = Field(description="(K, H), units of control.")
     terminal_errors: list[float] = Field(description="(K,).")
     states: list[list[tuple[float, float]]] | None = Field(None, description="(K, H+1, 2).")
 
@@ -72,7 +72,7 @@ class CandidatesReport(WireModel):
 class Segment(WireModel):
     """A plan: the best candidate, and the measures of that very rollout."""
 
-    controls: list[float] = Field(description="u[0:H], m/s^2.")
+    controls: list[float] = Field(description="u[0:H], units of control.")
     states: list[tuple[float, float]] | None = Field(
         None, description="(H+1, 2): position (m) and velocity (m/s)."
     )

@@ -134,9 +134,9 @@ def changed_plant(parameter: str, change: int) -> System:
     value = getattr(NOMINAL, parameter) * (1 + change / 100)
     changed = {parameter: value}
     if parameter == "static_friction":
-        changed["coulomb_friction"] = min(NOMINAL.coulomb_friction, value)
+        changed["coulomb_friction"] = min(NOMINAL.plant.coulomb_forward, value)
     if parameter == "coulomb_friction":
-        changed["static_friction"] = max(NOMINAL.static_friction, value)
+        changed["static_friction"] = max(NOMINAL.plant.static_forward, value)
     return replace(NOMINAL, **changed)
 
 
@@ -148,7 +148,8 @@ PLANTS = {(UNCHANGED, 0): NOMINAL} | {
 
 def executed_error(plant: System, request: PlanRequest, controls: FloatArray) -> float:
     """Return the terminal error (m) of `controls` (H,) on `plant`, clipped to its limit."""
-    clipped = np.clip(controls, -plant.control_limit, plant.control_limit)
+    limits = plant.plant
+    clipped = np.clip(controls, limits.lowest_control, limits.highest_control)
     states = rollout(plant, np.array(request.initial_state), clipped[np.newaxis])
     return float(terminal_error(states[0, -1], np.array(request.target_state)))
 

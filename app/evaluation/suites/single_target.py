@@ -81,7 +81,7 @@ def _concentration(candidates: Case) -> Claim:
 
 def _threshold_crossing(plan: PlanResponse) -> Claim:
     controls = np.array(plan.controls)
-    threshold = plan.system.static_friction
+    threshold = plan.system.plant.static_forward
     push = int(np.cumprod(controls > threshold).sum())
     weak = np.abs(controls[push:]) <= threshold
     return Claim(

@@ -17,7 +17,7 @@ from app.planning.stop import NEVER, Flag, Stop
 
 
 class Gaussian(NamedTuple):
-    """Over control sequences, its steps independent of each other; m/s^2."""
+    """Over control sequences, its steps independent of each other."""
 
     mean: FloatArray
     """(H,)."""
@@ -41,7 +41,7 @@ class CEM(Optimiser[Gaussian]):
     Wide enough that half of the first controls are clipped to the limit: narrower ones seldom
     break away, and end worse at every K."""
     min_std: Annotated[float, Ge(0)] = 1e-3
-    """Floor of the refitted standard deviation, m/s^2."""
+    """Floor of the refitted standard deviation, in units of control."""
 
     def rounds(self) -> int:
         return self.iterations

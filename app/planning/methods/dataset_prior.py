@@ -22,8 +22,8 @@ class DatasetPrior(Options):
         self, problem: Problem, num_candidates: int, rng: np.random.Generator, stop: Stop = NEVER
     ) -> Candidates:
         """Draw (K, H) controls from the prior."""
-        limit = problem.system.control_limit
-        return Candidates(self.prior.sample(num_candidates, problem.horizon, limit, rng))
+        plant = problem.system.plant
+        return Candidates(self.prior.sample(num_candidates, problem.horizon, plant, rng))
 
     def cost(self, num_candidates: int) -> Cost:
         """Sampling alone costs nothing that is counted."""

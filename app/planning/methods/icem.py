@@ -12,7 +12,7 @@ from app.planning.problem import Cost, Problem
 
 
 class Elites(NamedTuple):
-    """A Gaussian over control sequences, and what it was fitted to; m/s^2."""
+    """A Gaussian over control sequences, and what it was fitted to."""
 
     mean: FloatArray
     """(H,)."""

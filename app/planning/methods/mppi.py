@@ -20,7 +20,7 @@ class Nominal(NamedTuple):
     """The sequence that is improved, and within what."""
 
     controls: FloatArray
-    """(H,), m/s^2."""
+    """(H,)."""
     lowest: float
     highest: float
     num_candidates: int

@@ -21,7 +21,7 @@ State = TypeVar("State")
 
 
 class Scored(NamedTuple):
-    """Control sequences (N, H) in m/s^2, and their terminal errors (N,) in m."""
+    """Control sequences (N, H) and their terminal errors (N,) in m."""
 
     controls: FloatArray
     errors: FloatArray
@@ -75,7 +75,7 @@ class Optimiser(Options, ABC, Generic[State]):
     def draw(
         self, state: State, iteration: int, problem: Problem, rng: np.random.Generator
     ) -> FloatArray:
-        """Return the population (N, H) of an iteration, in m/s^2; it is clipped afterwards."""
+        """Return the population (N, H) of an iteration; it is clipped afterwards."""
 
     @abstractmethod
     def learn(self, state: State, population: Scored) -> State:
@@ -108,7 +108,7 @@ class Optimiser(Options, ABC, Generic[State]):
         first: FloatArray | None,
         stop: Stop = NEVER,
     ) -> Candidates:
-        """Do as `propose` does, from a `first` population (K, H), m/s^2, if one is given.
+        """Do as `propose` does, from a `first` population (K, H), if one is given.
 
         It lies within the control limits, and nothing that is returned is worse at best.
 
@@ -145,5 +145,7 @@ def check_first(first: FloatArray | None, problem: Problem, num_candidates: int)
 
 
 def spread(problem: Problem, fraction: float) -> FloatArray:
-    """Return a standard deviation for each step (H,), as a fraction of the control limit."""
-    return np.full(problem.horizon, fraction * problem.system.control_limit)
+    """Return a standard deviation for each step (H,), as a fraction of half the control range."""
+    plant = problem.system.plant
+    half_range = 0.5 * (plant.highest_control - plant.lowest_control)
+    return np.full(problem.horizon, fraction * half_range)

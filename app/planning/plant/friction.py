@@ -13,7 +13,45 @@ from app.planning.plant.system import Plant
 STUCK, BREAKING_AWAY, SLIDING, STOPPING = range(4)
 """The kinds of a step."""
 STOPPING_MARGIN = 1e-9
-"""m/s^2, beyond the control that would just stop the mass."""
+"""Share of the control range, beyond the control that would just stop the mass."""
+MAX_HALVINGS = 64
+
+
+class Friction(NamedTuple):
+    """What opposes motion in one direction."""
+
+    static: float
+    """f_s, m/s^2."""
+    coulomb: float
+    """f_c, m/s^2."""
+    damping: float
+    """b, 1/s."""
+
+
+@compiled
+def friction_of(direction: float, plant: Plant) -> Friction:
+    """Return what opposes motion in a `direction`, forward (> 0) or backward."""
+    if direction > 0.0:
+        return Friction(plant.static_forward, plant.coulomb_forward, plant.damping_forward)
+    return Friction(plant.static_backward, plant.coulomb_backward, plant.damping_backward)
+
+
+@compiled
+def weakening(speed: float, friction: Friction, plant: Plant) -> float:
+    """Return by how much dry friction still exceeds Coulomb friction at a `speed`, m/s^2.
+
+    Stribeck's effect, (f_s - f_c) exp(-(speed/v_s)^2); none where the plant has no v_s.
+    """
+    if plant.stribeck_velocity == 0.0:
+        return 0.0
+    ratio = speed / plant.stribeck_velocity
+    return (friction.static - friction.coulomb) * math.exp(-ratio * ratio)
+
+
+@compiled
+def acceleration(control: float, plant: Plant) -> float:
+    """Return what a control and the bias make of a mass without friction, m/s^2."""
+    return plant.control_gain * control + plant.bias
 
 
 class Step(NamedTuple):
@@ -26,54 +64,112 @@ class Step(NamedTuple):
     """Next velocity before friction stops the mass, m/s."""
     next_velocity: float
     """m/s."""
+    free_by_velocity: float
+    """Derivative of `free_velocity` by the velocity."""
     by_velocity: float
-    """Derivative of the next velocity by the velocity: each kind of step is affine."""
+    """Derivative of `next_velocity` by the velocity; without Stribeck's effect a constant."""
     by_control: float
-    """Derivative of the next velocity by the control."""
+    """Derivative of `next_velocity` by the control."""
 
 
 @compiled
 def take_step(velocity: float, control: float, plant: Plant) -> Step:
-    """Return what a step does to a mass with `velocity` (m/s) under `control` (m/s^2).
+    """Return what a step does to a mass with `velocity` (m/s) under `control` (units of control).
 
-    Paper Eq. 6, semi-implicit Euler with the post-friction velocity. A mass at rest,
-    |v| < eps_v, stays exactly at rest unless |u| > f_s. A sliding step whose velocity would
-    change sign ends at rest: friction stops a mass, it does not reverse it.
+    Paper Eq. 6, semi-implicit Euler with the post-friction velocity, for a friction that may differ
+    by direction. With a = gain*u + bias, a mass at rest, |v| < eps_v, stays exactly at rest while
+    -f_s <= a <= f_s, each side with the friction of its direction. A sliding step whose velocity
+    would change sign ends at rest: friction stops a mass, it does not reverse it. What depends on
+    the velocity, damping and Stribeck's effect, is at rest that of v = 0.
     """
     time_step = plant.time_step
+    accelerated = acceleration(control, plant)
     if abs(velocity) < plant.velocity_threshold:
-        if abs(control) <= plant.static_friction:
-            return Step(STUCK, 0.0, 0.0, 0.0, 0.0, 0.0)
-        direction = math.copysign(1.0, control)
-        free = velocity + time_step * (control - direction * plant.coulomb_friction)
-        return Step(BREAKING_AWAY, direction, free, free, 1.0, time_step)
+        if -plant.static_backward <= accelerated <= plant.static_forward:
+            return Step(STUCK, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        direction = math.copysign(1.0, accelerated)
+        friction = friction_of(direction, plant)
+        drag = direction * (friction.coulomb + weakening(0.0, friction, plant))
+        free = velocity + time_step * (accelerated - drag)
+        by_control = time_step * plant.control_gain
+        return Step(BREAKING_AWAY, direction, free, free, 1.0, 1.0, by_control)
     direction = math.copysign(1.0, velocity)
-    drag = direction * plant.coulomb_friction
-    free = velocity + time_step * (control - drag - plant.viscous_damping * velocity)
+    friction = friction_of(direction, plant)
+    excess = weakening(abs(velocity), friction, plant)
+    drag = direction * (friction.coulomb + excess)
+    free = velocity + time_step * (accelerated - drag - friction.damping * velocity)
+    retained = 1.0 - friction.damping * time_step
+    if excess > 0.0:
+        retained += time_step * excess * 2.0 * abs(velocity) / plant.stribeck_velocity**2
     if free * direction <= 0.0:
-        return Step(STOPPING, direction, free, 0.0, 0.0, 0.0)
-    return Step(SLIDING, direction, free, free, sliding_retains(plant), time_step)
-
-
-@compiled
-def sliding_retains(plant: Plant) -> float:
-    """Return the share of its velocity that a sliding mass keeps, friction and control apart."""
-    return 1.0 - plant.viscous_damping * plant.time_step
+        return Step(STOPPING, direction, free, 0.0, retained, 0.0, 0.0)
+    by_control = time_step * plant.control_gain
+    return Step(SLIDING, direction, free, free, retained, retained, by_control)
 
 
 @compiled
 def counts_as_stuck(velocity: float, control: float, plant: Plant) -> bool:
-    """Return whether the paper counts a step as stuck (Sect. 4.5): at rest, with |u| below f_s.
+    """Return whether the paper counts a step as stuck (Sect. 4.5): at rest, below static friction.
 
-    A control of f_s exactly, which does not move the mass either, it does not count.
+    An acceleration of f_s exactly, which does not move the mass either, it does not count.
     """
-    return abs(velocity) < plant.velocity_threshold and abs(control) < plant.static_friction
+    within = -plant.static_backward < acceleration(control, plant) < plant.static_forward
+    return abs(velocity) < plant.velocity_threshold and within
+
+
+class Controls(NamedTuple):
+    """A range of controls, both ends included; empty if `low` > `high`."""
+
+    low: float
+    high: float
+
+
+@compiled
+def resting_controls(plant: Plant) -> Controls:
+    """Return all controls that leave a mass at rest, admissible or not.
+
+    To the last bit: the next number beyond either end breaks away.
+    """
+    low = (-plant.static_backward - plant.bias) / plant.control_gain
+    high = (plant.static_forward - plant.bias) / plant.control_gain
+    while acceleration(low, plant) < -plant.static_backward:
+        low = math.nextafter(low, math.inf)
+    while acceleration(high, plant) > plant.static_forward:
+        high = math.nextafter(high, -math.inf)
+    while acceleration(math.nextafter(low, -math.inf), plant) >= -plant.static_backward:
+        low = math.nextafter(low, -math.inf)
+    while acceleration(math.nextafter(high, math.inf), plant) <= plant.static_forward:
+        high = math.nextafter(high, math.inf)
+    return Controls(low, high)
+
+
+@compiled
+def can_rest(plant: Plant) -> bool:
+    """Return whether an admissible control leaves a mass at rest."""
+    highest = acceleration(plant.highest_control, plant)
+    lowest = acceleration(plant.lowest_control, plant)
+    return highest >= -plant.static_backward and lowest <= plant.static_forward
+
+
+@compiled
+def holding_control(plant: Plant) -> float:
+    """Return the admissible control nearest to none that leaves a mass at rest, where one does.
+
+    Where none does, the admissible one nearest to none.
+    """
+    control = 0.0
+    if can_rest(plant):
+        resting = resting_controls(plant)
+        control = min(resting.high, max(resting.low, control))
+    return min(plant.highest_control, max(plant.lowest_control, control))
 
 
 class Regime(NamedTuple):
-    """What all controls together make of a velocity v: w = `retained` * v + s, low <= s <= high."""
+    """What all controls together make of a velocity v: w = `kept`(v) + s, low <= s <= high."""
 
     retained: float
+    """The share of its velocity that the mass keeps, friction and control apart; with Stribeck's
+    effect `kept_velocity` says what it keeps."""
     low: float
     """m/s."""
     high: float
@@ -84,12 +180,14 @@ class Regime(NamedTuple):
 def breaking_away(direction: float, plant: Plant) -> Regime:
     """Return where a mass at rest can get to in one `direction`; empty (low > high) if nowhere.
 
-    Its slow end belongs to the control that just does not break away.
+    Its slow end belongs to the control that just does not break away, if that is admissible.
     """
-    push = plant.highest_control if direction > 0.0 else -plant.lowest_control
-    slow = plant.time_step * (plant.static_friction - plant.coulomb_friction)
-    fast = plant.time_step * (push - plant.coulomb_friction)
-    if push <= plant.static_friction:
+    friction = friction_of(direction, plant)
+    drag = friction.coulomb + weakening(0.0, friction, plant)
+    pull, push = _accelerations(direction, plant)
+    slow = plant.time_step * (max(friction.static, pull) - drag)
+    fast = plant.time_step * (push - drag)
+    if push <= friction.static:
         return Regime(1.0, math.inf, -math.inf)
     return Regime(1.0, slow, fast) if direction > 0.0 else Regime(1.0, -fast, -slow)
 
@@ -97,40 +195,92 @@ def breaking_away(direction: float, plant: Plant) -> Regime:
 @compiled
 def sliding(direction: float, plant: Plant) -> Regime:
     """Return where a mass that slides in `direction` can get to, were it not stopped at rest."""
-    push, pull = plant.highest_control, -plant.lowest_control
+    friction = friction_of(direction, plant)
+    retained = 1.0 - friction.damping * plant.time_step
+    pull, push = _accelerations(direction, plant)
+    slow = plant.time_step * (pull - friction.coulomb)
+    fast = plant.time_step * (push - friction.coulomb)
+    return Regime(retained, slow, fast) if direction > 0.0 else Regime(retained, -fast, -slow)
+
+
+@compiled
+def _accelerations(direction: float, plant: Plant) -> tuple[float, float]:
+    """Return the least and the greatest acceleration along a `direction`, m/s^2."""
+    lowest = acceleration(plant.lowest_control, plant)
+    highest = acceleration(plant.highest_control, plant)
+    return (lowest, highest) if direction > 0.0 else (-highest, -lowest)
+
+
+@compiled
+def kept_velocity(velocity: float, direction: float, plant: Plant) -> float:
+    """Return what of a `velocity` (m/s) in a direction the next step keeps, as `Regime` has it.
+
+    It grows with the velocity: damping takes less than all of it in a step, and dry friction only
+    falls.
+    """
+    friction = friction_of(direction, plant)
+    excess = weakening(abs(velocity), friction, plant)
+    retained = 1.0 - friction.damping * plant.time_step
+    return retained * velocity - plant.time_step * direction * excess
+
+
+@compiled
+def velocity_that_keeps(kept: float, direction: float, plant: Plant) -> float:
+    """Return the velocity of which `kept_velocity` is `kept`, m/s, by bisection."""
+    friction = friction_of(direction, plant)
+    retained = 1.0 - friction.damping * plant.time_step
+    lost = plant.time_step * weakening(0.0, friction, plant)
+    if lost == 0.0 or math.isinf(kept):
+        return kept / retained
+    low, high = kept / retained, (kept + direction * lost) / retained
     if direction < 0.0:
-        push, pull = pull, push
-    fast = plant.time_step * (push - plant.coulomb_friction)
-    brake = plant.time_step * (pull + plant.coulomb_friction)
-    if direction > 0.0:
-        return Regime(sliding_retains(plant), -brake, fast)
-    return Regime(sliding_retains(plant), -fast, brake)
+        low, high = high, low
+    for _ in range(MAX_HALVINGS):
+        middle = 0.5 * (low + high)
+        if kept_velocity(middle, direction, plant) < kept:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
 
 
 @compiled
 def control_towards(next_velocity: float, velocity: float, plant: Plant) -> float:
     """Return the admissible control after which a mass with `velocity` is nearest to another one.
 
-    The inverse of `take_step`. At rest it is the least control that leaves the mass at rest; where
-    a sliding mass is to stop, one that stops it for certain.
+    The inverse of `take_step`. A mass at rest that is to stay so it holds with the least control;
+    where a sliding mass is to stop, it stops it for certain.
     """
     change = (next_velocity - velocity) / plant.time_step
     if abs(velocity) < plant.velocity_threshold:
         if next_velocity == 0.0:
-            return 0.0
+            return holding_control(plant)
         direction = math.copysign(1.0, change)
-        beyond = math.nextafter(plant.static_friction, math.inf)
-        control = direction * max(beyond, direction * change + plant.coulomb_friction)
+        friction = friction_of(direction, plant)
+        change += direction * (friction.coulomb + weakening(0.0, friction, plant))
+        control = (change - plant.bias) / plant.control_gain
+        resting = resting_controls(plant)
+        if direction > 0.0:
+            control = max(control, math.nextafter(resting.high, math.inf))
+        else:
+            control = min(control, math.nextafter(resting.low, -math.inf))
     else:
         direction = math.copysign(1.0, velocity)
-        control = change + direction * plant.coulomb_friction + plant.viscous_damping * velocity
+        friction = friction_of(direction, plant)
+        change += direction * (friction.coulomb + weakening(abs(velocity), friction, plant))
+        change += friction.damping * velocity
+        control = (change - plant.bias) / plant.control_gain
         if next_velocity == 0.0:
             # No push is needed to stop, and rounding must not leave it creeping.
-            control = direction * min(0.0, direction * control - STOPPING_MARGIN)
+            margin = STOPPING_MARGIN * (plant.highest_control - plant.lowest_control)
+            control = direction * min(0.0, direction * control - margin)
     return min(plant.highest_control, max(plant.lowest_control, control))
 
 
 @compiled
 def is_symmetric(plant: Plant) -> bool:
     """Return whether the mirror image of each motion is a motion of the same plant."""
-    return plant.lowest_control == -plant.highest_control
+    forward, backward = friction_of(1.0, plant), friction_of(-1.0, plant)
+    return forward == backward and (
+        acceleration(plant.lowest_control, plant) == -acceleration(plant.highest_control, plant)
+    )

@@ -1,6 +1,7 @@
 """The motion of a plan: the kind of each of its steps, and what keeps it so.
 
-As long as every step keeps its kind, the plan is affine in its controls; null_space.py uses that.
+As long as every step keeps its kind, the plan is affine in its controls, Stribeck's effect apart;
+null_space.py uses that.
 """
 
 from typing import NamedTuple
@@ -13,9 +14,10 @@ from app.planning.plant.friction import (
     BREAKING_AWAY,
     STOPPING,
     STUCK,
-    sliding_retains,
+    resting_controls,
     take_step,
 )
+from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 
 STRICT = 1e-9
@@ -39,7 +41,7 @@ class Motion(NamedTuple):
     """Bounds of `free_velocity`, m/s."""
     highest_velocity: FloatArray
     lowest_control: FloatArray
-    """Bounds of the controls, m/s^2: the plant's, and static friction for a mass at rest."""
+    """Bounds of the controls: the plant's, and static friction for a mass at rest."""
     highest_control: FloatArray
 
 
@@ -47,8 +49,8 @@ class Motion(NamedTuple):
 def motion_of(controls: FloatArray, task: Task) -> Motion:
     """Return the motion that `controls` (H,) lead to."""
     plant = task.plant
-    static_friction, threshold = plant.static_friction, plant.velocity_threshold
-    breakaway = static_friction * (1.0 + STRICT)
+    threshold, resting = plant.velocity_threshold, resting_controls(plant)
+    margin = STRICT * 0.5 * (resting.high - resting.low)
     horizon = controls.size
     motion = Motion(
         by_velocity=np.empty(horizon),
@@ -65,18 +67,17 @@ def motion_of(controls: FloatArray, task: Task) -> Motion:
     for k in range(horizon):
         step = take_step(velocity, controls[k], plant)
         motion.by_velocity[k], motion.by_control[k] = step.by_velocity, step.by_control
-        stopping = step.kind == STOPPING
-        motion.free_by_velocity[k] = sliding_retains(plant) if stopping else step.by_velocity
+        motion.free_by_velocity[k] = step.free_by_velocity
         motion.free_velocity[k] = step.direction * step.free_velocity
         motion.direction[k] = step.direction
         if step.kind == STUCK:
-            motion.lowest_control[k] = max(plant.lowest_control, -static_friction)
-            motion.highest_control[k] = min(plant.highest_control, static_friction)
+            motion.lowest_control[k] = max(plant.lowest_control, resting.low)
+            motion.highest_control[k] = min(plant.highest_control, resting.high)
         elif step.kind == BREAKING_AWAY and step.direction > 0.0:
-            motion.lowest_control[k] = min(controls[k], breakaway)
+            motion.lowest_control[k] = min(controls[k], resting.high + margin)
         elif step.kind == BREAKING_AWAY:
-            motion.highest_control[k] = max(controls[k], -breakaway)
-        if stopping:
+            motion.highest_control[k] = max(controls[k], resting.low - margin)
+        if step.kind == STOPPING:
             motion.highest_velocity[k] = 0.0
         elif step.kind != STUCK and k == horizon - 1:
             motion.lowest_velocity[k] = 0.0
@@ -90,10 +91,10 @@ def motion_of(controls: FloatArray, task: Task) -> Motion:
 
 
 @compiled
-def free_velocity_row(motion: Motion, at: int, time_step: float, row: FloatArray) -> None:
+def free_velocity_row(motion: Motion, at: int, plant: Plant, row: FloatArray) -> None:
     """Fill `row` (H,) with the derivative of `motion.free_velocity[at]` by the controls."""
     row[:] = 0.0
-    row[at] = motion.direction[at] * time_step
+    row[at] = motion.direction[at] * plant.time_step * plant.control_gain
     slope = motion.direction[at] * motion.free_by_velocity[at]
     for k in range(at - 1, -1, -1):
         row[k] = slope * motion.by_control[k]
@@ -104,11 +105,12 @@ def free_velocity_row(motion: Motion, at: int, time_step: float, row: FloatArray
 
 @compiled
 def free_velocity_rates(
-    motion: Motion, direction: FloatArray, time_step: float, rates: FloatArray
+    motion: Motion, direction: FloatArray, plant: Plant, rates: FloatArray
 ) -> None:
     """Fill `rates` (H,) with how fast `motion.free_velocity` changes along `direction` (H,)."""
     velocity_rate = 0.0
+    by_control = plant.time_step * plant.control_gain
     for k in range(direction.size):
-        free_rate = motion.free_by_velocity[k] * velocity_rate + time_step * direction[k]
+        free_rate = motion.free_by_velocity[k] * velocity_rate + by_control * direction[k]
         rates[k] = motion.direction[k] * free_rate
         velocity_rate = motion.by_velocity[k] * velocity_rate + motion.by_control[k] * direction[k]

@@ -1,7 +1,7 @@
 """The plant's parameters, as a user gives them and as the kernels take them."""
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 from annotated_types import Ge, Le
 
@@ -10,13 +10,27 @@ from app.planning.options import Options
 LARGEST, SMALLEST = 1e6, 1e-6
 """Of parameters and states: no plant comes near, and nothing computed from them overflows."""
 
+NotNegative: TypeAlias = Annotated[float, Ge(0), Le(LARGEST)]
+Positive: TypeAlias = Annotated[float, Ge(SMALLEST), Le(LARGEST)]
+Number: TypeAlias = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
+
 
 class Plant(NamedTuple):
-    """A `System` as the kernels take it: floats by name, in the same units."""
+    """A `System` as the kernels take it: floats by name, in the same units.
 
-    static_friction: float
-    coulomb_friction: float
-    viscous_damping: float
+    Flat, since every call of a kernel from Python pays for each tuple within a tuple.
+    """
+
+    static_forward: float
+    static_backward: float
+    coulomb_forward: float
+    coulomb_backward: float
+    damping_forward: float
+    damping_backward: float
+    stribeck_velocity: float
+    """0: dry friction is Coulomb friction from the first motion on."""
+    bias: float
+    control_gain: float
     lowest_control: float
     highest_control: float
     time_step: float
@@ -24,20 +38,57 @@ class Plant(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class System(Options):
-    """Parameters of the plant, per unit mass (paper, Table 2 and Eq. 6)."""
+class ByDirection(Options):
+    """A friction that differs by the direction of motion."""
 
-    static_friction: Annotated[float, Ge(0), Le(LARGEST)] = 0.7
-    """f_s, m/s^2: a mass at rest moves only if |u| exceeds it."""
-    coulomb_friction: Annotated[float, Ge(0), Le(LARGEST)] = 0.6
+    forward: NotNegative
+    """Of motion with v > 0."""
+    backward: NotNegative
+    """Of motion with v < 0, as a positive number."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLimits(Options):
+    """The range of a control, both ends included."""
+
+    lower: Number
+    upper: Number
+
+    def check_combination(self) -> None:
+        """Check the order.
+
+        Raises:
+            ValueError: the upper limit does not exceed the lower one.
+        """
+        if not self.upper - self.lower >= SMALLEST:
+            raise ValueError(f"upper must exceed lower by at least {SMALLEST:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class System(Options):
+    """Parameters of the plant, per unit mass (paper, Table 2 and Eq. 6).
+
+    With a = control_gain * u + bias, the mass breaks away where a exceeds the static friction of a
+    direction, and slides with v' = a - friction * sign(v) - viscous_damping * v.
+    """
+
+    static_friction: NotNegative | ByDirection = 0.7
+    """f_s, m/s^2: a mass at rest moves only if |a| exceeds it."""
+    coulomb_friction: NotNegative | ByDirection = 0.6
     """f_c, m/s^2: opposes the motion."""
-    viscous_damping: Annotated[float, Ge(0), Le(LARGEST)] = 0.05
+    viscous_damping: NotNegative | ByDirection = 0.05
     """b, 1/s."""
-    control_limit: Annotated[float, Ge(SMALLEST), Le(LARGEST)] = 0.9
-    """u_max, m/s^2: controls lie in [-u_max, u_max]."""
-    time_step: Annotated[float, Ge(SMALLEST), Le(LARGEST)] = 0.05
+    stribeck_velocity: Positive | None = None
+    """v_s, m/s: friction falls from static to Coulomb as exp(-(v/v_s)^2); at once without it."""
+    bias: Number = 0.0
+    """m/s^2: a constant acceleration, of a slope, gravity, a cable or the drive's offset."""
+    control_gain: Positive = 1.0
+    """m/s^2 for each unit of control (N, V, A, whatever the machine takes)."""
+    control_limit: Positive | ControlLimits = 0.9
+    """u_max, units of control: controls lie in [-u_max, u_max], or between two limits."""
+    time_step: Positive = 0.05
     """dt, s."""
-    velocity_threshold: Annotated[float, Ge(SMALLEST), Le(LARGEST)] = 1e-3
+    velocity_threshold: Positive = 1e-3
     """eps_v, m/s: slower than this counts as at rest."""
 
     def check_combination(self) -> None:
@@ -47,20 +98,52 @@ class System(Options):
             ValueError: Coulomb friction exceeds static friction, or the damping is too strong for
                 the time step.
         """
-        if self.coulomb_friction > self.static_friction:
-            raise ValueError("coulomb_friction must not exceed static_friction")
-        if self.viscous_damping * self.time_step >= 1:
-            raise ValueError("viscous_damping * time_step must be below 1")
+        plant = self.plant
+        for direction, coulomb, static, damping in (
+            ("forward", plant.coulomb_forward, plant.static_forward, plant.damping_forward),
+            ("backward", plant.coulomb_backward, plant.static_backward, plant.damping_backward),
+        ):
+            whose = "" if self.is_same_both_ways else f" {direction}"
+            if coulomb > static:
+                raise ValueError(f"coulomb_friction must not exceed static_friction{whose}")
+            if damping * plant.time_step >= 1:
+                raise ValueError(f"viscous_damping * time_step must be below 1{whose}")
+
+    @property
+    def is_same_both_ways(self) -> bool:
+        """Whether friction has no direction, as far as the fields say it."""
+        frictions = (self.static_friction, self.coulomb_friction, self.viscous_damping)
+        return not any(isinstance(friction, ByDirection) for friction in frictions)
 
     @property
     def plant(self) -> Plant:
         """The parameters as the kernels take them."""
+        static_forward, static_backward = _both_ways(self.static_friction)
+        coulomb_forward, coulomb_backward = _both_ways(self.coulomb_friction)
+        damping_forward, damping_backward = _both_ways(self.viscous_damping)
+        if isinstance(self.control_limit, ControlLimits):
+            lowest, highest = self.control_limit.lower, self.control_limit.upper
+        else:
+            lowest, highest = -self.control_limit, self.control_limit
         return Plant(
-            static_friction=float(self.static_friction),
-            coulomb_friction=float(self.coulomb_friction),
-            viscous_damping=float(self.viscous_damping),
-            lowest_control=-float(self.control_limit),
-            highest_control=float(self.control_limit),
+            static_forward=static_forward,
+            static_backward=static_backward,
+            coulomb_forward=coulomb_forward,
+            coulomb_backward=coulomb_backward,
+            damping_forward=damping_forward,
+            damping_backward=damping_backward,
+            stribeck_velocity=float(self.stribeck_velocity or 0.0),
+            bias=float(self.bias),
+            control_gain=float(self.control_gain),
+            lowest_control=float(lowest),
+            highest_control=float(highest),
             time_step=float(self.time_step),
             velocity_threshold=float(self.velocity_threshold),
         )
+
+
+def _both_ways(friction: float | ByDirection) -> tuple[float, float]:
+    """Return a friction forward and backward."""
+    if isinstance(friction, ByDirection):
+        return float(friction.forward), float(friction.backward)
+    return float(friction), float(friction)

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
-from app.planning.plant.friction import is_symmetric
+from app.planning.plant.friction import can_rest, is_symmetric
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
 from app.planning.reachable.polylines import (
@@ -29,6 +29,8 @@ REACHABLE_WITHIN = 1e-9
 
 Relative to the largest coordinate of start and target where that exceeds one.
 """
+STRAIGHT = 5e-7
+"""m: what curved edges lose at most, over all steps, where they are made straight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,8 @@ class Reachability:
     """Whether the floor is zero, to within `REACHABLE_WITHIN`."""
     floor: float
     """Least terminal error ||x_H - x*||_2 over all admissible controls."""
+    floor_error: float
+    """How far the floor may be off, m: 0 where it is exact."""
     nearest_state: FloatArray
     """Terminal state [p, v] (2,) at that distance, in m and m/s."""
     minimum_steps: int | None
@@ -61,6 +65,9 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
       s in dt*(f_s - f_c, u_max - f_c] (breaking away; the gap up to dt*(f_s - f_c) is the dead
       zone).
 
+    Where the plant differs by direction, each regime has its own numbers; with a bias beyond static
+    friction and the control's reach there is no waiting at rest.
+
     So let X_n be the set of states after exactly n steps, and X_n(w) its slice of positions at
     velocity w. One step, in one of these regimes r, is
 
@@ -80,13 +87,16 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     without a stop are thus all covered, in any number. Only beyond 32 pieces (seen where
     u_max is barely above f_s and eps_v at least twice the dead zone, so that breaking away takes
     several steps inside the band) are the narrowest holes filled; the floor is then a lower bound,
-    and a target in such a hole counts as reachable.
+    and a target in such a hole counts as reachable. With Stribeck's effect a sliding mass keeps a
+    share of its velocity that is no longer the same at all of them: edges that bend are made of
+    straight ones, to within `STRAIGHT` over all steps (curves.py). `floor_error` says what both
+    come to.
 
     The floor is the distance from the target to X_H. Open ends (the dead zone, the band) are
     treated as closed, so it is an infimum that may be approached only.
 
     The cost grows with the square of the horizon. Propagation ends early where X_n can only grow
-    (a start at v = 0 can wait) or a target can be held (v* = 0).
+    (a start at v = 0 can wait) or a target can be held (v* = 0), on a plant on which masses rest.
 
     Raises:
         Stopped: `stop` said so.
@@ -97,33 +107,39 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     task = problem.task
     displaced = task._replace(position=0.0, target_position=task.target_position - task.position)
     tolerance = REACHABLE_WITHIN * scale
-    steps, nearest = _propagate(displaced, problem.horizon, tolerance, stop.flag)
+    if problem.system.stribeck_velocity is not None:
+        tolerance += STRAIGHT
+    steps, nearest, inexact = _propagate(displaced, problem.horizon, tolerance, stop.flag)
     stop.check()
     reachable = nearest.distance <= tolerance
     return Reachability(
         reachable=reachable,
         floor=nearest.distance,
+        floor_error=inexact,
         nearest_state=np.array([start[0] + nearest.y, nearest.v]),
         minimum_steps=steps if reachable else None,
     )
 
 
 @compiled
-def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Nearest]:
+def _propagate(
+    task: Task, horizon: int, tolerance: float, stopped: Flag
+) -> tuple[int, Nearest, float]:
     """Return the first step within `tolerance` (-1: none), and the nearest state of the last one.
 
-    Positions start at zero.
+    Positions start at zero. Also returns how far that state may be from a true one, m.
     """
     target_p, target_v = task.target_position, task.target_velocity
     # What is reached from a standstill is its own mirror image: half of it tells all.
     symmetric = task.velocity == 0.0 and is_symmetric(task.plant)
+    may_wait = can_rest(task.plant) and (task.velocity == 0.0 or target_v == 0.0)
     states = start_of(task)
     first, nearest = -1, Nearest(math.inf, 0.0, 0.0)
     for n in range(horizon + 1):
         if stopped[0]:
             break
         if n > 0:
-            states = advance(states, symmetric, task.plant)
+            states = advance(states, symmetric, straightening(horizon), task.plant)
         within = math.inf if n == horizon else tolerance
         nearest = _nearest(states, target_p, target_v, within)
         if symmetric:
@@ -133,9 +149,15 @@ def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tup
         if first < 0 and nearest.distance <= tolerance:
             first = n
             # From here on the set only grows, or the target can be held.
-            if task.velocity == 0.0 or target_v == 0.0:
+            if may_wait:
                 break
-    return first, nearest
+    return first, nearest, states.inexact
+
+
+@compiled
+def straightening(horizon: int) -> float:
+    """Return what an edge may lose in one of `horizon` steps, m: it is straightened and thinned."""
+    return STRAIGHT / (2.0 * horizon)
 
 
 @compiled
@@ -143,11 +165,11 @@ def start_of(task: Task) -> ReachableSet:
     """Return the set of the initial state alone, at position zero."""
     pieces = no_pieces()
     if task.velocity == 0.0:
-        return ReachableSet(pieces, np.zeros((1, 2)))
+        return ReachableSet(pieces, np.zeros((1, 2)), 0.0)
     line = np.zeros((1, 2))
     line[0, 0] = task.velocity
     add(pieces, Piece(line, line))
-    return ReachableSet(pieces, np.empty((0, 2)))
+    return ReachableSet(pieces, np.empty((0, 2)), 0.0)
 
 
 @compiled

@@ -10,12 +10,14 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
-from app.planning.plant.friction import Regime, breaking_away, sliding
+from app.planning.plant.friction import Regime, breaking_away, can_rest, sliding
 from app.planning.plant.system import Plant
+from app.planning.reachable.curves import bent, thinned
 from app.planning.reachable.polylines import (
     TOUCHING,
     Piece,
     Pieces,
+    add,
     cut,
     cut_piece,
     extent,
@@ -41,51 +43,75 @@ class ReachableSet(NamedTuple):
     pieces: Pieces
     rests: FloatArray
     """Intervals of positions at rest, (R, 2), disjoint and in order."""
+    inexact: float
+    """How far from a state of the set the true ones may be, m: what was filled or straightened."""
 
 
 @compiled
-def advance(states: ReachableSet, symmetric: bool, plant: Plant) -> ReachableSet:
+def advance(states: ReachableSet, symmetric: bool, tolerance: float, plant: Plant) -> ReachableSet:
     """Return the set one step later.
 
-    Of a `symmetric` set, the pieces hold the half with v >= 0, before and after.
+    Of a `symmetric` set, the pieces hold the half with v >= 0, before and after. `tolerance` (m) is
+    what curved edges may lose in a step where they are made straight.
     """
     before, pieces = states.pieces, no_pieces()
-    rests = [(rest[0], rest[1]) for rest in states.rests]
+    stays = can_rest(plant)
+    rests = [(rest[0], rest[1]) for rest in states.rests[: len(states.rests) if stays else 0]]
     for i in range(len(before.uppers)):
         piece = Piece(before.uppers[i], before.lowers[i])
         at_rest = _band(piece, plant.velocity_threshold)
         if is_empty(at_rest):
             continue
-        rests.append(extent(at_rest))
+        if stays:
+            rests.append(extent(at_rest))
         _break_away(pieces, at_rest, symmetric, plant)
         if symmetric:
             at_rest = mirrored(at_rest)
-            rests.append(extent(at_rest))
+            if stays:
+                rests.append(extent(at_rest))
             _break_away(pieces, at_rest, symmetric, plant)
     for rest in states.rests:
         _break_away(pieces, _resting(rest[0], rest[1]), symmetric, plant)
     for i in range(len(before.uppers)):
         piece = Piece(before.uppers[i], before.lowers[i])
-        _slide(pieces, rests, piece, 1.0, plant)
+        _slide(pieces, rests, piece, 1.0, tolerance, plant)
         if not symmetric:
-            _slide(pieces, rests, piece, -1.0, plant)
+            _slide(pieces, rests, piece, -1.0, tolerance, plant)
     if symmetric:
         for i in range(len(rests)):
             rests.append((-rests[i][1], -rests[i][0]))
-    return ReachableSet(_few(pieces), union_of_intervals(rests))
+    inexact = states.inexact
+    if plant.stribeck_velocity > 0.0:
+        inexact += 2.0 * tolerance
+        pieces = _thin(pieces, tolerance)
+    pieces, filled = _few(pieces)
+    return ReachableSet(pieces, union_of_intervals(rests), inexact + 0.5 * filled)
 
 
 @compiled
-def _few(pieces: Pieces) -> Pieces:
-    """Return the pieces, the narrowest holes between them filled as long as there are too many."""
-    gap = _FILLED
+def _few(pieces: Pieces) -> tuple[Pieces, float]:
+    """Return the pieces, the narrowest holes between them filled as long as there are too many.
+
+    Also returns the width (m) of the widest hole that was.
+    """
+    gap, filled = _FILLED, 0.0
     while len(pieces.uppers) > _MAX_PIECES and gap < 1.0:
         fewer = no_pieces()
         for i in range(len(pieces.uppers)):
             join(fewer, Piece(pieces.uppers[i], pieces.lowers[i]), gap)
         pieces = fewer
-        gap = 10.0 * gap
-    return pieces
+        filled, gap = gap, 10.0 * gap
+    return pieces, filled
+
+
+@compiled
+def _thin(pieces: Pieces, tolerance: float) -> Pieces:
+    """Return pieces with as few vertices as `tolerance` (m) lets them have."""
+    thin = no_pieces()
+    for i in range(len(pieces.uppers)):
+        upper = thinned(pieces.uppers[i], tolerance)
+        add(thin, Piece(upper, thinned(pieces.lowers[i], tolerance)))
+    return thin
 
 
 @compiled
@@ -146,6 +172,7 @@ def _slide(
     rests: list[tuple[float, float]],
     piece: Piece,
     direction: float,
+    tolerance: float,
     plant: Plant,
 ) -> None:
     """Add where the part of a piece that slides in a direction goes, or stops."""
@@ -155,7 +182,12 @@ def _slide(
     piece = cut_piece(piece, begin, end) if forward else cut_piece(piece, -end, -begin)
     if is_empty(piece):
         return
-    if (regime.high if forward else -regime.low) <= 0.0:
+    if plant.stribeck_velocity > 0.0:
+        piece = bent(piece, direction, tolerance, plant)
+        regime = Regime(1.0, regime.low, regime.high)
+    slowest = piece.upper[0, 0] if forward else -piece.upper[-1, 0]
+    push = regime.high if forward else -regime.low
+    if push <= 0.0 or regime.retained * slowest + push <= 0.0:
         # No control holds the speed, so v need not lie in the window of w = 0 to be stopped.
         if forward:
             stopped = cut_piece(piece, -math.inf, -regime.low / regime.retained)

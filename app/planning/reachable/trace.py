@@ -13,22 +13,25 @@ from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.plant.friction import (
     breaking_away,
+    can_rest,
     control_towards,
+    holding_control,
     is_symmetric,
     sliding,
     take_step,
+    velocity_that_keeps,
 )
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
 from app.planning.reachable.polylines import Piece, deepest, mirrored
-from app.planning.reachable.reachability import Reachability, start_of
+from app.planning.reachable.reachability import Reachability, start_of, straightening
 from app.planning.reachable.regimes import DIRECTIONS, advance
 from app.planning.stop import NEVER, Flag, Stop
 
 
 def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArray:
-    """Return controls (H,), m/s^2, that end in `bound.nearest_state`, to within rounding.
+    """Return controls (H,) that end in `bound.nearest_state`, to within rounding.
 
     Backward in time a step's next velocity w gives its predecessor's position at once, since
     p' = p + dt*w; of the velocities v that the set holds there, and from which some control leads
@@ -47,16 +50,16 @@ def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArr
         Stopped: `stop` said so.
     """
     task = problem.task
-    can_wait = task.velocity == 0.0 or task.target_velocity == 0.0
+    at_rest = task.velocity == 0.0 or task.target_velocity == 0.0
     steps = problem.horizon
-    if can_wait and bound.minimum_steps is not None:
+    if at_rest and can_rest(task.plant) and bound.minimum_steps is not None:
         steps = bound.minimum_steps
     end_p, end_v = bound.nearest_state
     displaced = task._replace(position=0.0, target_position=end_p - task.position)
     displaced = displaced._replace(target_velocity=end_v)
     moving = _trace(displaced, steps, stop.flag)
     stop.check()
-    controls = np.zeros(problem.horizon)
+    controls = np.full(problem.horizon, holding_control(task.plant))
     begin = problem.horizon - steps if task.velocity == 0.0 else 0
     controls[begin : begin + steps] = moving
     return controls
@@ -118,7 +121,7 @@ def _propagate(task: Task, steps: int, symmetric: bool, stopped: Flag) -> _Sets:
     for _ in range(steps - 1):
         if stopped[0]:
             break
-        states = advance(states, symmetric, task.plant)
+        states = advance(states, symmetric, straightening(steps), task.plant)
         uppers.extend(states.pieces.uppers)
         lowers.extend(states.pieces.lowers)
         rests.append(states.rests)
@@ -151,7 +154,7 @@ def _predecessor(
 @compiled
 def _from_rest(rests: FloatArray, position: float, after: float, plant: Plant) -> _Way:
     """Return the way from a state at rest, v = 0."""
-    excess = abs(after)  # of what no control does
+    excess = abs(after) if can_rest(plant) else math.inf  # of what no control does
     for direction in DIRECTIONS:
         regime = breaking_away(direction, plant)
         if regime.low <= regime.high:
@@ -172,7 +175,7 @@ def _from_piece(
     fastest_rest = (1.0 - ROUNDING) * plant.velocity_threshold
     band = Window(-fastest_rest, fastest_rest)
     anything = Window(-math.inf, math.inf)
-    if after == 0.0:
+    if after == 0.0 and can_rest(plant):
         best = _better(best, piece, position, anything, band, slack)
     for direction in DIRECTIONS:
         regime = breaking_away(direction, plant)
@@ -182,7 +185,8 @@ def _from_piece(
         if after * direction < 0.0:
             continue
         regime = sliding(direction, plant)
-        low, high = (after - regime.high) / regime.retained, (after - regime.low) / regime.retained
+        low = velocity_that_keeps(after - regime.high, direction, plant)
+        high = velocity_that_keeps(after - regime.low, direction, plant)
         if direction > 0.0:
             # Friction stops the mass, whatever the control makes of it.
             window = Window(-math.inf if after == 0.0 else low, high)

@@ -13,6 +13,7 @@ from app.planning.arrays import FloatArray, IntArray, copy_into
 from app.planning.plant.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
 from app.planning.plant.rollout import terminal_state
 from app.planning.plant.sensitivity import linearise
+from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 from app.planning.refining.gauss_newton import EXACT, arrive, distance, terminal_error_of
 from app.planning.stop import Flag
@@ -23,14 +24,14 @@ MAX_ROWS = 24
 PROXIMAL = 1e-7
 """Added to the Hessian, which for the smoothness is singular; each step makes up for the last."""
 SETTLED = 1e-10
-"""A step smaller than this, m/s^2, is none."""
+"""A step smaller than this share of the control range is none."""
 SLOWEST = 1e-13
 """A velocity that changes by less than this, m/s, does not change."""
 WORTHWHILE = 1e-5
 """A new motion must lower the objective by this share."""
 MAX_TRIALS = 7
 RELEASED = 1e-8
-"""A multiplier of the wrong sign counts from here on."""
+"""A multiplier of the wrong sign counts from this share of the control range on."""
 DEPENDENT = 1e-11
 FREE, LOW, HIGH = 0, -1, 1
 
@@ -119,6 +120,7 @@ def _least_within_motion(
     linearise(controls, task, terminal_rows)
     num_rows = NUM_TERMINAL_ROWS
     reduced, direction, rates = np.empty(horizon), np.empty(horizon), np.empty(horizon)
+    control_range = plant.highest_control - plant.lowest_control
     for _ in range(6 * horizon):
         if stopped[0] or num_rows < 0:
             break
@@ -127,10 +129,10 @@ def _least_within_motion(
         largest = 0.0
         for k in range(horizon):
             largest = max(largest, abs(direction[k]))
-        if largest <= SETTLED:
-            num_rows = _release(active, reduced, multipliers, num_rows)
+        if largest <= SETTLED * control_range:
+            num_rows = _release(active, reduced, multipliers, num_rows, RELEASED * control_range)
             continue
-        free_velocity_rates(motion, direction, plant.time_step, rates)
+        free_velocity_rates(motion, direction, plant, rates)
         fraction, blocking = _longest_step(controls, direction, motion, rates, active)
         for k in range(horizon):
             moved = controls[k] + fraction * direction[k]
@@ -139,7 +141,7 @@ def _least_within_motion(
         if blocking >= horizon:
             at = blocking - horizon
             side = HIGH if rates[at] > 0.0 else LOW
-            num_rows = _hold(active, motion, at, side, plant.time_step, num_rows)
+            num_rows = _hold(active, motion, at, side, plant, num_rows)
         elif blocking >= 0 and direction[blocking] > 0.0:
             active.frozen[blocking], controls[blocking] = HIGH, motion.highest_control[blocking]
         elif blocking >= 0:
@@ -167,7 +169,7 @@ class ActiveSet(NamedTuple):
 
 @compiled
 def _hold(
-    active: ActiveSet, motion: Motion, at: int, side: int, time_step: float, num_rows: int
+    active: ActiveSet, motion: Motion, at: int, side: int, plant: Plant, num_rows: int
 ) -> int:
     """Hold the free velocity of a step on its edge; return how many rows there are then.
 
@@ -177,7 +179,7 @@ def _hold(
         return -1
     active.held_at[num_rows] = at
     active.held[at] = side
-    free_velocity_row(motion, at, time_step, active.rows[num_rows])
+    free_velocity_row(motion, at, plant, active.rows[num_rows])
     return num_rows + 1
 
 
@@ -303,13 +305,15 @@ def _solve_semidefinite(matrix: FloatArray, unknowns: FloatArray) -> None:
 
 
 @compiled
-def _release(active: ActiveSet, reduced: FloatArray, multipliers: FloatArray, num_rows: int) -> int:
+def _release(
+    active: ActiveSet, reduced: FloatArray, multipliers: FloatArray, num_rows: int, least: float
+) -> int:
     """Release the bound or row that the objective pulls away from most; return the rows left.
 
-    Returns -1 where there is none: the multipliers have the signs of a minimum.
+    Returns -1 where none pulls by more than `least`: the multipliers have the signs of a minimum.
     """
     frozen, held, held_at, rows = active.frozen, active.held, active.held_at, active.rows
-    most, control, row = RELEASED, -1, -1
+    most, control, row = least, -1, -1
     for k in range(frozen.size):
         pull = frozen[k] * reduced[k]
         if pull > most:

@@ -118,7 +118,7 @@ def refine(
 
     Args:
         problem: start, target, plant and horizon H.
-        controls: (K, H), m/s^2; left as they are.
+        controls: (K, H); left as they are.
         options: how much to spend.
         objective: what to want among plans that arrive.
         stop: ends the refinement early.

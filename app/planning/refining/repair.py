@@ -10,28 +10,27 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray, IntArray
+from app.planning.plant.friction import holding_control
 from app.planning.plant.rollout import step, terminal_state
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 from app.planning.refining.gauss_newton import distance, terminal_error_of
 
-SIGNS = (-1, 0, 1)
-"""Of a stretch: full control one way, none, full control the other way."""
+LEVELS = (0, 1, 2)
+"""Of a stretch: which of `stretch_controls` it has."""
 
 
 @compiled
-def full_control(sign: int, plant: Plant) -> float:
-    """Return the control of a stretch of that sign, m/s^2."""
-    if sign == 0:
-        return 0.0
-    return plant.highest_control if sign > 0 else plant.lowest_control
+def stretch_controls(plant: Plant) -> tuple[float, float, float]:
+    """Return the controls of stretches: full one way, what holds a mass, full the other way."""
+    return plant.lowest_control, holding_control(plant), plant.highest_control
 
 
 @compiled
 def overwrite_best_window(controls: FloatArray, task: Task, stride: int) -> tuple[float, int]:
     """Overwrite the window of `controls` (H,) that lowers the error most; return error, rollouts.
 
-    A window begins and ends at multiples of `stride` (or at H) and gets one of -u_max, 0 and u_max:
+    A window begins and ends at multiples of `stride` (or at H) and gets full or no control:
     it can start a motion, end one, turn it around, move its switches or wait. If none helps the
     controls stay as they are.
     """
@@ -40,10 +39,10 @@ def overwrite_best_window(controls: FloatArray, task: Task, stride: int) -> tupl
     best_error = terminal_error_of(controls, task)
     rollouts = 1
     best_begin, best_end, best_control = 0, 0, 0.0
+    levels = stretch_controls(plant)
     position, velocity = task.position, task.velocity
     for begin in range(0, horizon, stride):
-        for sign in SIGNS:
-            control = full_control(sign, plant)
+        for control in levels:
             p, v = position, velocity
             for k in range(begin, horizon):
                 p, v = step(p, v, control, plant)
@@ -70,7 +69,7 @@ class Shortlist(NamedTuple):
     errors: FloatArray
     """(N,), infinite where there is none yet."""
     stretches: IntArray
-    """(N, 5): the steps of the two switches, and the signs of the three stretches."""
+    """(N, 5): the steps of the two switches, and the levels of the three stretches."""
 
 
 @compiled
@@ -79,32 +78,32 @@ def switching_sequences(
 ) -> tuple[FloatArray, int]:
     """Return the sequences (N, H) of three stretches that end nearest to the target, best first.
 
-    A stretch is constant at -u_max, 0 or u_max and its ends lie at multiples of `stride`; N is
+    A stretch is constant at full or no control and its ends lie at multiples of `stride`; N is
     `num_sequences`, or fewer where there are not so many. By Pontryagin's principle the extreme
     motions of a double integrator with friction are of this kind: accelerate, wait or coast, brake.
     Also returns the number of rollouts.
     """
     plant = task.plant
     best = Shortlist(np.full(num_sequences, np.inf), np.zeros((num_sequences, 5), dtype=np.int64))
-    rollouts = 0
-    for first in SIGNS:
+    rollouts, levels = 0, stretch_controls(plant)
+    for first in LEVELS:
         p, v = task.position, task.velocity
         for a in range(0, horizon, stride):
             if a > 0:
-                p, v = _hold(p, v, full_control(first, plant), stride, plant)
-            for second in SIGNS:
-                # Each sequence once: without a first stretch its sign is moot.
-                if second == first if a > 0 else first > -1:
+                p, v = _hold(p, v, levels[first], stride, plant)
+            for second in LEVELS:
+                # Each sequence once: without a first stretch its level is moot.
+                if second == first if a > 0 else first > 0:
                     continue
-                rollouts += _try_ends(best, task, p, v, a, first, second, horizon, stride)
+                rollouts += _try_ends(best, task, levels, p, v, a, first, second, horizon, stride)
     order = np.argsort(best.errors)
     count = np.count_nonzero(np.isfinite(best.errors))
     sequences = np.empty((count, horizon))
     for i in range(count):
         a, b, first, second, third = best.stretches[order[i]]
-        sequences[i, :a] = full_control(first, plant)
-        sequences[i, a:b] = full_control(second, plant)
-        sequences[i, b:] = full_control(third, plant)
+        sequences[i, :a] = levels[first]
+        sequences[i, a:b] = levels[second]
+        sequences[i, b:] = levels[third]
     return sequences, rollouts
 
 
@@ -112,6 +111,7 @@ def switching_sequences(
 def _try_ends(
     best: Shortlist,
     task: Task,
+    levels: tuple[float, float, float],
     position: float,
     velocity: float,
     a: int,
@@ -128,14 +128,12 @@ def _try_ends(
     rollouts = 0
     for begin in range(a, horizon, stride):
         b = min(begin + stride, horizon)
-        position, velocity = _hold(
-            position, velocity, full_control(second, plant), b - begin, plant
-        )
-        for third in SIGNS:
-            # Each sequence once: without a third stretch its sign is moot.
+        position, velocity = _hold(position, velocity, levels[second], b - begin, plant)
+        for third in LEVELS:
+            # Each sequence once: without a third stretch its level is moot.
             if (third == second) != (b == horizon):
                 continue
-            p, v = _hold(position, velocity, full_control(third, plant), horizon - b, plant)
+            p, v = _hold(position, velocity, levels[third], horizon - b, plant)
             rollouts += 1
             error = distance(p, v, task)
             worst = np.argmax(best.errors)

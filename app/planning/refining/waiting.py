@@ -7,6 +7,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray, IntArray
 from app.planning.metrics import stuck_steps, terminal_error
+from app.planning.plant.friction import holding_control
 from app.planning.plant.rollout import rollout
 from app.planning.problem import Problem
 
@@ -18,16 +19,18 @@ def wait_at_the_end(problem: Problem, controls: FloatArray) -> tuple[FloatArray,
     """Move the steps of `controls` (K, H) in which nothing moves to the end of their plan.
 
     The motion stays the same but comes at once and without a pause; then the mass waits, with no
-    control. A plan is left alone where this takes no stuck step away or makes the terminal error
-    grow: a target that is to be passed in motion has to be reached with the last step.
+    more control than holds it. A plan is left alone where this takes no stuck step away or makes
+    the terminal error grow: a target that is to be passed in motion has to be reached with the last
+    step.
 
     Returns:
-        The controls (K, H), m/s^2, and their terminal errors (K,).
+        The controls (K, H) and their terminal errors (K,).
     """
     states = rollout(problem.system, problem.initial_state, controls)
     pauses = np.all(states[:, 1:] == states[:, :-1], axis=-1)
     pauses_last = np.argsort(pauses, axis=-1, kind="stable")
-    moved = np.take_along_axis(np.where(pauses, 0.0, controls), pauses_last, axis=-1)
+    held = np.where(pauses, holding_control(problem.system.plant), controls)
+    moved = np.take_along_axis(held, pauses_last, axis=-1)
     moved_states = rollout(problem.system, problem.initial_state, moved)
 
     errors, stuck = _measures(problem, controls, states)

@@ -16,12 +16,12 @@ def terminal_error(terminal_states: FloatArray, target_state: FloatArray) -> Flo
 
 
 def control_energy(controls: FloatArray) -> FloatArray:
-    """Return E_u = sum_k u_k^2 of controls (..., H), in units of control squared: shape (...)."""
+    """Return E_u = sum_k u_k^2 of controls (..., H), in squared units of control: shape (...)."""
     return np.asarray(np.sum(controls**2, axis=-1))
 
 
 def control_smoothness(controls: FloatArray) -> FloatArray:
-    """Return S_u = sum_k (u_{k+1} - u_k)^2 of controls (..., H), in units of control squared: shape (...)."""
+    """Return S_u = sum_k (u_{k+1} - u_k)^2 of controls (..., H), squared units of control: (...)."""
     return np.asarray(np.sum(np.diff(controls, axis=-1) ** 2, axis=-1))
 
 

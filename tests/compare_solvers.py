@@ -151,7 +151,7 @@ class CMAES:
     budget: int = 20_480
 
     def __call__(self, problem: Problem, rng: np.random.Generator) -> Answer:
-        limit = problem.system.control_limit
+        limit = problem.system.plant.highest_control
         best, best_error, rollouts = np.zeros(problem.horizon), np.inf, 0
         while best_error > TOLERANCE and rollouts < self.budget:
             options = {
@@ -196,7 +196,7 @@ class SmoothedFriction:
         """Build the program once for the plant and horizon of `problem`."""
         self.sharpnesses = sharpnesses
         self.horizon = problem.horizon
-        limit = problem.system.control_limit
+        limit = problem.system.plant.highest_control
         program = _program(problem.system, problem.horizon)
         self.first = _solver(program, {})
         self.later = _solver(program, {"mu_init": 1e-3})
@@ -243,16 +243,17 @@ def _program(system: System, horizon: int) -> dict[str, Any]:
     parameters = casadi.SX.sym("parameters", 5)
     position, velocity, sharpness = parameters[0], parameters[1], parameters[4]
     defects = []
+    plant = system.plant
     for k in range(horizon):
         after = velocities[k]
-        peak = (system.static_friction - system.coulomb_friction) * casadi.exp(
+        peak = (plant.static_forward - plant.coulomb_forward) * casadi.exp(
             -((after / (3 * sharpness)) ** 2)
         )
-        friction = (system.coulomb_friction + peak) * casadi.tanh(after / sharpness)
-        acceleration = controls[k] - friction - system.viscous_damping * velocity
+        friction = (plant.coulomb_forward + peak) * casadi.tanh(after / sharpness)
+        acceleration = controls[k] - friction - plant.damping_forward * velocity
         defects += [
-            after - velocity - system.time_step * acceleration,
-            positions[k] - position - system.time_step * after,
+            after - velocity - plant.time_step * acceleration,
+            positions[k] - position - plant.time_step * after,
         ]
         position, velocity = positions[k], after
     arrival = [position - parameters[2], velocity - parameters[3]]

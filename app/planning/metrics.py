@@ -21,7 +21,7 @@ def control_energy(controls: FloatArray) -> FloatArray:
 
 
 def control_smoothness(controls: FloatArray) -> FloatArray:
-    """Return S_u = sum_k (u_{k+1} - u_k)^2 of controls (..., H), squared units of control: (...)."""
+    """Return S_u = sum_k (u_{k+1} - u_k)^2 of controls (..., H), in squared units of control."""
     return np.asarray(np.sum(np.diff(controls, axis=-1) ** 2, axis=-1))
 
 

@@ -4,14 +4,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.planning.arrays import FloatArray
+from app.planning.plant.system import ControlLimits, Plant, System
 from app.planning.prior import ControlPrior
+from tests.planning.plants import plants
 
 LIMIT = 0.9
 fractions = st.floats(0, 1)
 
 
 def draw(prior: ControlPrior, num_candidates: int, horizon: int, seed: int = 0) -> FloatArray:
-    return prior.sample(num_candidates, horizon, LIMIT, np.random.default_rng(seed))
+    return prior.sample(num_candidates, horizon, System().plant, np.random.default_rng(seed))
 
 
 def segment_values(num_candidates: int = 20_000) -> FloatArray:
@@ -26,17 +28,17 @@ def segment_values(num_candidates: int = 20_000) -> FloatArray:
     medium_maximum=fractions,
     near_zero_maximum=fractions,
     coefficient=fractions,
-    limit=st.floats(1e-3, 1e3),
+    plant=plants(),
 )
 @settings(max_examples=50)
-def test_controls_lie_within_the_limit(
+def test_controls_lie_within_the_limits(
     kick: float,
     medium: float,
     kick_minimum: float,
     medium_maximum: float,
     near_zero_maximum: float,
     coefficient: float,
-    limit: float,
+    plant: Plant,
 ) -> None:
     prior = ControlPrior(
         kick_probability=kick,
@@ -47,10 +49,10 @@ def test_controls_lie_within_the_limit(
         filter_coefficient=coefficient,
     )
 
-    controls = prior.sample(20, 64, limit, np.random.default_rng(0))
+    controls = prior.sample(20, 64, plant, np.random.default_rng(0))
 
     assert controls.shape == (20, 64)
-    assert np.all(np.abs(controls) <= limit)
+    assert np.all((plant.lowest_control <= controls) & (controls <= plant.highest_control))
 
 
 @pytest.mark.parametrize(
@@ -149,16 +151,27 @@ def test_the_seed_decides_the_draws() -> None:
 def test_one_generator_goes_on_to_new_draws() -> None:
     rng = np.random.default_rng(0)
 
-    first = ControlPrior().sample(10, 64, LIMIT, rng)
+    first = ControlPrior().sample(10, 64, System().plant, rng)
 
-    assert not np.array_equal(first, ControlPrior().sample(10, 64, LIMIT, rng))
+    assert not np.array_equal(first, ControlPrior().sample(10, 64, System().plant, rng))
 
 
 @pytest.mark.parametrize("limit", [0.5, 3.0])
 def test_controls_scale_with_the_limit(limit: float) -> None:
-    controls = ControlPrior().sample(10, 64, limit, np.random.default_rng(0))
+    plant = System(control_limit=limit).plant
+    controls = ControlPrior().sample(10, 64, plant, np.random.default_rng(0))
 
     np.testing.assert_allclose(controls / limit, draw(ControlPrior(), 10, 64) / LIMIT, atol=1e-12)
+
+
+def test_each_side_scales_with_its_own_limit() -> None:
+    lopsided = System(control_limit=ControlLimits(-0.2, 5.0)).plant
+
+    controls = ControlPrior().sample(10, 64, lopsided, np.random.default_rng(0))
+
+    fractions = draw(ControlPrior(), 10, 64) / LIMIT
+    expected = np.where(fractions >= 0, 5.0, 0.2) * fractions
+    np.testing.assert_allclose(controls, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_a_stop_that_nobody_sets_changes_nothing(objective: Objective) -> None:
 @pytest.mark.parametrize("objective", [CONTROL_ENERGY, CONTROL_SMOOTHNESS])
 def test_a_stop_from_another_thread_ends_a_refinement_that_runs(objective: Objective) -> None:
     problem = Problem(np.array([0.0, 0.5]), np.array([5.0, 0.3]), horizon=1024)
-    controls = ControlPrior().sample(2000, 1024, 0.9, np.random.default_rng(0))
+    controls = ControlPrior().sample(2000, 1024, problem.system.plant, np.random.default_rng(0))
     proposed = threading.Event()
     method = Fixed(controls, proposed.set)
     recipe = Recipe(method, len(controls), Refinement(iterations=1000), objective)
@@ -72,7 +72,7 @@ def test_a_stop_from_another_thread_ends_a_refinement_that_runs(objective: Objec
 @every_objective
 @pytest.mark.parametrize("repair", [False, True])
 def test_a_refinement_that_is_not_wanted_raises(objective: Objective, repair: bool) -> None:
-    controls = ControlPrior().sample(8, 64, 0.9, np.random.default_rng(0))
+    controls = ControlPrior().sample(8, 64, PROBLEM.system.plant, np.random.default_rng(0))
 
     with pytest.raises(Unwanted):
         refine(PROBLEM, controls, Refinement(repair=repair), objective, stopped())

@@ -15,6 +15,8 @@ STUCK, BREAKING_AWAY, SLIDING, STOPPING = range(4)
 STOPPING_MARGIN = 1e-9
 """Share of the control range, beyond the control that would just stop the mass."""
 MAX_HALVINGS = 64
+ROUNDING = 2.0**-53
+"""Relative, of a double."""
 
 
 class Friction(NamedTuple):
@@ -126,21 +128,40 @@ class Controls(NamedTuple):
 
 @compiled
 def resting_controls(plant: Plant) -> Controls:
-    """Return all controls that leave a mass at rest, admissible or not.
+    """Return all controls that leave a mass at rest, admissible or not, to within rounding."""
+    low, high, rounding = _edges(plant)
+    by = rounding
+    while acceleration(low, plant) < -plant.static_backward:
+        low, by = low + by, 2.0 * by
+    by = rounding
+    while acceleration(high, plant) > plant.static_forward:
+        high, by = high - by, 2.0 * by
+    return Controls(low, high)
 
-    To the last bit: the next number beyond either end breaks away.
+
+@compiled
+def breakaway_controls(plant: Plant) -> Controls:
+    """Return the least controls that break a mass at rest away, backward and forward."""
+    low, high, rounding = _edges(plant)
+    low, by = math.nextafter(low, -math.inf), rounding
+    while acceleration(low, plant) >= -plant.static_backward:
+        low, by = low - by, 2.0 * by
+    high, by = math.nextafter(high, math.inf), rounding
+    while acceleration(high, plant) <= plant.static_forward:
+        high, by = high + by, 2.0 * by
+    return Controls(low, high)
+
+
+@compiled
+def _edges(plant: Plant) -> tuple[float, float, float]:
+    """Return the controls of static friction backward and forward, and what rounding makes of them.
+
+    Either may lie on either side of the switch.
     """
     low = (-plant.static_backward - plant.bias) / plant.control_gain
     high = (plant.static_forward - plant.bias) / plant.control_gain
-    while acceleration(low, plant) < -plant.static_backward:
-        low = math.nextafter(low, math.inf)
-    while acceleration(high, plant) > plant.static_forward:
-        high = math.nextafter(high, -math.inf)
-    while acceleration(math.nextafter(low, -math.inf), plant) >= -plant.static_backward:
-        low = math.nextafter(low, -math.inf)
-    while acceleration(math.nextafter(high, math.inf), plant) <= plant.static_forward:
-        high = math.nextafter(high, math.inf)
-    return Controls(low, high)
+    largest = max(plant.static_backward, plant.static_forward, abs(plant.bias))
+    return low, high, ROUNDING * largest / plant.control_gain
 
 
 @compiled
@@ -259,11 +280,8 @@ def control_towards(next_velocity: float, velocity: float, plant: Plant) -> floa
         friction = friction_of(direction, plant)
         change += direction * (friction.coulomb + weakening(0.0, friction, plant))
         control = (change - plant.bias) / plant.control_gain
-        resting = resting_controls(plant)
-        if direction > 0.0:
-            control = max(control, math.nextafter(resting.high, math.inf))
-        else:
-            control = min(control, math.nextafter(resting.low, -math.inf))
+        least = breakaway_controls(plant)
+        control = max(control, least.high) if direction > 0.0 else min(control, least.low)
     else:
         direction = math.copysign(1.0, velocity)
         friction = friction_of(direction, plant)

@@ -14,6 +14,7 @@ from app.planning.plant.friction import (
     BREAKING_AWAY,
     STOPPING,
     STUCK,
+    breakaway_controls,
     resting_controls,
     take_step,
 )
@@ -49,7 +50,8 @@ class Motion(NamedTuple):
 def motion_of(controls: FloatArray, task: Task) -> Motion:
     """Return the motion that `controls` (H,) lead to."""
     plant = task.plant
-    threshold, resting = plant.velocity_threshold, resting_controls(plant)
+    threshold = plant.velocity_threshold
+    resting, breakaway = resting_controls(plant), breakaway_controls(plant)
     margin = STRICT * 0.5 * (resting.high - resting.low)
     horizon = controls.size
     motion = Motion(
@@ -74,9 +76,9 @@ def motion_of(controls: FloatArray, task: Task) -> Motion:
             motion.lowest_control[k] = max(plant.lowest_control, resting.low)
             motion.highest_control[k] = min(plant.highest_control, resting.high)
         elif step.kind == BREAKING_AWAY and step.direction > 0.0:
-            motion.lowest_control[k] = min(controls[k], resting.high + margin)
+            motion.lowest_control[k] = min(controls[k], breakaway.high + margin)
         elif step.kind == BREAKING_AWAY:
-            motion.highest_control[k] = max(controls[k], resting.low - margin)
+            motion.highest_control[k] = max(controls[k], breakaway.low - margin)
         if step.kind == STOPPING:
             motion.highest_velocity[k] = 0.0
         elif step.kind != STUCK and k == horizon - 1:

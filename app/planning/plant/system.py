@@ -1,6 +1,6 @@
 """The plant's parameters, as a user gives them and as the kernels take them."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, NamedTuple, TypeAlias
 
 from annotated_types import Ge, Le
@@ -78,6 +78,7 @@ class System(Options):
     """f_c, m/s^2: opposes the motion."""
     viscous_damping: NotNegative | ByDirection = 0.05
     """b, 1/s."""
+    _: KW_ONLY
     stribeck_velocity: Positive | None = None
     """v_s, m/s: friction falls from static to Coulomb as exp(-(v/v_s)^2); at once without it."""
     bias: Number = 0.0

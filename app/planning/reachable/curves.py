@@ -18,25 +18,35 @@ _FADED = 6.0
 """Velocities above this many v_s slide without Stribeck's effect: exp(-36) is below rounding."""
 _STEEPEST_BEND = 2.0
 """The greatest second derivative of exp(-x^2)."""
-_MAX_PARTS = 4096
+_MAX_PARTS = 2**16
+STRAIGHT = 8e-7
+"""m: what edges lose at most, over all steps, where they are made straight and thinned."""
 
 
 @compiled
-def bent(piece: Piece, direction: float, tolerance: float, plant: Plant) -> Piece:
+def straightening(horizon: int) -> float:
+    """Return what an edge may lose at once, m: it is straightened and thinned in each step."""
+    return STRAIGHT / (2.0 * horizon)
+
+
+@compiled
+def bent(piece: Piece, direction: float, horizon: int, plant: Plant) -> Piece:
     """Return a piece over what each of its velocities keeps in a step (`kept_velocity`)."""
     return Piece(
-        _bent_line(piece.upper, direction, tolerance, plant),
-        _bent_line(piece.lower, direction, tolerance, plant),
+        _bent_line(piece.upper, direction, horizon, plant),
+        _bent_line(piece.lower, direction, horizon, plant),
     )
 
 
 @compiled
-def _bent_line(line: FloatArray, direction: float, tolerance: float, plant: Plant) -> FloatArray:
-    """Return (kept(v), y) of a line (v, y), off by at most `tolerance` in y.
+def _bent_line(line: FloatArray, direction: float, horizon: int, plant: Plant) -> FloatArray:
+    """Return (kept(v), y) of a line (v, y), with more vertices where that bends.
 
     Between two vertices h apart the curve is off its chord by h^2 kept''/8 in velocity, and by that
-    times the slope dy/dw, w = kept(v), in y.
+    times the slope dy/dw, w = kept(v), in y. Where it is steep, what counts is that a velocity
+    which is off moves positions over the time that is left.
     """
+    steepest = 1.0 + horizon * plant.time_step
     friction = friction_of(direction, plant)
     scale = plant.stribeck_velocity
     bend = plant.time_step * weakening(0.0, friction, plant) * _STEEPEST_BEND / scale**2
@@ -45,9 +55,8 @@ def _bent_line(line: FloatArray, direction: float, tolerance: float, plant: Plan
         v0, v1 = line[i, 0], line[i + 1, 0]
         if v0 < v1 and min(abs(v0), abs(v1)) < _FADED * scale:
             kept = kept_velocity(v1, direction, plant) - kept_velocity(v0, direction, plant)
-            slope = abs(line[i + 1, 1] - line[i, 1]) / kept
-            bending = min(v1 - v0, _FADED * scale)
-            parts = math.sqrt(slope * bend * bending**2 / (8.0 * tolerance)) * (v1 - v0) / bending
+            slope = min(steepest, abs(line[i + 1, 1] - line[i, 1]) / kept)
+            parts = (v1 - v0) * math.sqrt(slope * bend / (8.0 * straightening(horizon)))
             steps[i] = max(1, min(_MAX_PARTS, math.ceil(parts)))
     curve = np.empty((steps[:-1].sum() + 1, 2))
     m = 0

@@ -5,6 +5,7 @@ Nothing here plans: no controls are computed, only the states that some controls
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from app.planning.arrays import FloatArray
 from app.planning.plant.friction import can_rest, is_symmetric
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
+from app.planning.reachable.curves import STRAIGHT
 from app.planning.reachable.polylines import (
     Nearest,
     Piece,
@@ -29,8 +31,6 @@ REACHABLE_WITHIN = 1e-9
 
 Relative to the largest coordinate of start and target where that exceeds one.
 """
-STRAIGHT = 5e-7
-"""m: what curved edges lose at most, over all steps, where they are made straight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,9 @@ class Reachability:
     """How far the floor may be off, m: 0 where it is exact."""
     nearest_state: FloatArray
     """Terminal state [p, v] (2,) at that distance, in m and m/s."""
+    nearest_steps: int
+    """Steps of motion that lead there, at most H: a start at rest waits before them, and a target
+    at rest is held after them."""
     minimum_steps: int | None
     """Fewest steps, at most H, that lead to a target that is reachable in H; None if it is not.
 
@@ -95,8 +98,12 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     The floor is the distance from the target to X_H. Open ends (the dead zone, the band) are
     treated as closed, so it is an infimum that may be approached only.
 
-    The cost grows with the square of the horizon. Propagation ends early where X_n can only grow
-    (a start at v = 0 can wait) or a target can be held (v* = 0), on a plant on which masses rest.
+    From a start at rest that can wait, X_H is the union of all A_n with n <= H: the states n steps
+    after the mass has left for the first time. Each is found from the one before, and none of them
+    holds the start or any other of them again; the floor is the least distance from all of them.
+
+    The cost grows with the square of the horizon. Propagation ends early where the target is
+    reached and the start can wait (at v = 0) or the target be held (v* = 0).
 
     Raises:
         Stopped: `stop` said so.
@@ -109,55 +116,77 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     tolerance = REACHABLE_WITHIN * scale
     if problem.system.stribeck_velocity is not None:
         tolerance += STRAIGHT
-    steps, nearest, inexact = _propagate(displaced, problem.horizon, tolerance, stop.flag)
+    first, found = _propagate(displaced, problem.horizon, tolerance, stop.flag)
     stop.check()
+    nearest = found.state
     reachable = nearest.distance <= tolerance
     return Reachability(
         reachable=reachable,
         floor=nearest.distance,
-        floor_error=inexact,
+        floor_error=found.inexact,
         nearest_state=np.array([start[0] + nearest.y, nearest.v]),
-        minimum_steps=steps if reachable else None,
+        nearest_steps=found.steps,
+        minimum_steps=first if reachable else None,
     )
 
 
-@compiled
-def _propagate(
-    task: Task, horizon: int, tolerance: float, stopped: Flag
-) -> tuple[int, Nearest, float]:
-    """Return the first step within `tolerance` (-1: none), and the nearest state of the last one.
+class Found(NamedTuple):
+    """The nearest state of some sets, and which of them has it."""
 
-    Positions start at zero. Also returns how far that state may be from a true one, m.
+    state: Nearest
+    steps: int
+    inexact: float
+    """How far that state may be from a true one, m."""
+
+
+@compiled
+def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Found]:
+    """Return the first step within `tolerance` (-1: none), and the state that a plan can end in.
+
+    Positions start at zero.
     """
     target_p, target_v = task.target_position, task.target_velocity
     # What is reached from a standstill is its own mirror image: half of it tells all.
     symmetric = task.velocity == 0.0 and is_symmetric(task.plant)
-    may_wait = can_rest(task.plant) and (task.velocity == 0.0 or target_v == 0.0)
+    departs = departs_from_rest(task)
+    may_wait = departs or (can_rest(task.plant) and target_v == 0.0)
     states = start_of(task)
-    first, nearest = -1, Nearest(math.inf, 0.0, 0.0)
+    first, best = -1, Found(Nearest(math.inf, 0.0, 0.0), 0, 0.0)
     for n in range(horizon + 1):
         if stopped[0]:
             break
         if n > 0:
-            states = advance(states, symmetric, straightening(horizon), task.plant)
-        within = math.inf if n == horizon else tolerance
+            states = advance(states, symmetric, horizon, task.plant)
+        if n == 1 and departs:
+            states = without_rests(states)
+        # Without waiting only the last set counts, the others for the fewest steps alone.
+        counts = departs or n == horizon
+        within = best.state.distance if counts else tolerance
         nearest = _nearest(states, target_p, target_v, within)
         if symmetric:
-            other = _nearest(states, -target_p, -target_v, within)
+            other = _nearest(states, -target_p, -target_v, min(within, nearest.distance))
             if other.distance < nearest.distance:
                 nearest = Nearest(other.distance, -other.y, -other.v)
-        if first < 0 and nearest.distance <= tolerance:
+        arrives = first < 0 and nearest.distance <= tolerance
+        if arrives:
             first = n
-            # From here on the set only grows, or the target can be held.
-            if may_wait:
-                break
-    return first, nearest, states.inexact
+        if (counts or (arrives and may_wait)) and nearest.distance < best.state.distance:
+            best = Found(nearest, n, states.inexact)
+        if arrives and may_wait:
+            break
+    return first, best
 
 
 @compiled
-def straightening(horizon: int) -> float:
-    """Return what an edge may lose in one of `horizon` steps, m: it is straightened and thinned."""
-    return STRAIGHT / (2.0 * horizon)
+def departs_from_rest(task: Task) -> bool:
+    """Return whether all waiting may be done at the start, before the mass leaves it."""
+    return task.velocity == 0.0 and can_rest(task.plant)
+
+
+@compiled
+def without_rests(states: ReachableSet) -> ReachableSet:
+    """Return the states that move: one step after a start at rest, those that have left it."""
+    return ReachableSet(states.pieces, np.empty((0, 2)), states.inexact)
 
 
 @compiled

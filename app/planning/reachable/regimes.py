@@ -12,7 +12,7 @@ from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.plant.friction import Regime, breaking_away, can_rest, sliding
 from app.planning.plant.system import Plant
-from app.planning.reachable.curves import bent, thinned
+from app.planning.reachable.curves import bent, straightening, thinned
 from app.planning.reachable.polylines import (
     TOUCHING,
     Piece,
@@ -48,11 +48,10 @@ class ReachableSet(NamedTuple):
 
 
 @compiled
-def advance(states: ReachableSet, symmetric: bool, tolerance: float, plant: Plant) -> ReachableSet:
-    """Return the set one step later.
+def advance(states: ReachableSet, symmetric: bool, horizon: int, plant: Plant) -> ReachableSet:
+    """Return the set one step later; there are `horizon` of them in all.
 
-    Of a `symmetric` set, the pieces hold the half with v >= 0, before and after. `tolerance` (m) is
-    what curved edges may lose in a step where they are made straight.
+    Of a `symmetric` set, the pieces hold the half with v >= 0, before and after.
     """
     before, pieces = states.pieces, no_pieces()
     stays = can_rest(plant)
@@ -74,16 +73,16 @@ def advance(states: ReachableSet, symmetric: bool, tolerance: float, plant: Plan
         _break_away(pieces, _resting(rest[0], rest[1]), symmetric, plant)
     for i in range(len(before.uppers)):
         piece = Piece(before.uppers[i], before.lowers[i])
-        _slide(pieces, rests, piece, 1.0, tolerance, plant)
+        _slide(pieces, rests, piece, 1.0, horizon, plant)
         if not symmetric:
-            _slide(pieces, rests, piece, -1.0, tolerance, plant)
+            _slide(pieces, rests, piece, -1.0, horizon, plant)
     if symmetric:
         for i in range(len(rests)):
             rests.append((-rests[i][1], -rests[i][0]))
     inexact = states.inexact
     if plant.stribeck_velocity > 0.0:
-        inexact += 2.0 * tolerance
-        pieces = _thin(pieces, tolerance)
+        inexact += 2.0 * straightening(horizon)
+        pieces = _thin(pieces, straightening(horizon))
     pieces, filled = _few(pieces)
     return ReachableSet(pieces, union_of_intervals(rests), inexact + 0.5 * filled)
 
@@ -172,7 +171,7 @@ def _slide(
     rests: list[tuple[float, float]],
     piece: Piece,
     direction: float,
-    tolerance: float,
+    horizon: int,
     plant: Plant,
 ) -> None:
     """Add where the part of a piece that slides in a direction goes, or stops."""
@@ -183,7 +182,7 @@ def _slide(
     if is_empty(piece):
         return
     if plant.stribeck_velocity > 0.0:
-        piece = bent(piece, direction, tolerance, plant)
+        piece = bent(piece, direction, horizon, plant)
         regime = Regime(1.0, regime.low, regime.high)
     slowest = piece.upper[0, 0] if forward else -piece.upper[-1, 0]
     push = regime.high if forward else -regime.low

@@ -24,8 +24,14 @@ from app.planning.plant.friction import (
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
+from app.planning.reachable.curves import STRAIGHT
 from app.planning.reachable.polylines import Piece, deepest, mirrored
-from app.planning.reachable.reachability import Reachability, start_of, straightening
+from app.planning.reachable.reachability import (
+    Reachability,
+    departs_from_rest,
+    start_of,
+    without_rests,
+)
 from app.planning.reachable.regimes import DIRECTIONS, advance
 from app.planning.stop import NEVER, Flag, Stop
 
@@ -38,7 +44,7 @@ def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArr
     to w, the one deepest inside the set is taken, so that rounding does not lead out of it.
     Forward in time the controls follow from the velocities.
 
-    Where the target is reached in fewer than H steps, the rest is waited: at the start if that is
+    Where that state is reached in fewer than H steps, the rest is waited: at the start if that is
     at rest, at the target otherwise.
 
     Args:
@@ -50,10 +56,7 @@ def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArr
         Stopped: `stop` said so.
     """
     task = problem.task
-    at_rest = task.velocity == 0.0 or task.target_velocity == 0.0
-    steps = problem.horizon
-    if at_rest and can_rest(task.plant) and bound.minimum_steps is not None:
-        steps = bound.minimum_steps
+    steps = bound.nearest_steps
     end_p, end_v = bound.nearest_state
     displaced = task._replace(position=0.0, target_position=end_p - task.position)
     displaced = displaced._replace(target_velocity=end_v)
@@ -67,6 +70,8 @@ def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArr
 
 ROUNDING = 1e-10
 """Relative; what it does to velocities on the way, in m/s."""
+SLACKS = (0.0, ROUNDING, 1e-6)
+"""By which windows of velocities are wider than they are, relative."""
 OUTSIDE = 1e-9
 """This far outside of the set, m, a state counts as in it."""
 
@@ -115,13 +120,15 @@ def _trace(task: Task, steps: int, stopped: Flag) -> FloatArray:
 
 @compiled
 def _propagate(task: Task, steps: int, symmetric: bool, stopped: Flag) -> _Sets:
-    states = start_of(task)
+    states, departs = start_of(task), departs_from_rest(task)
     uppers, lowers = states.pieces.uppers.copy(), states.pieces.lowers.copy()
     rests, begins = [states.rests], [0, len(uppers)]
-    for _ in range(steps - 1):
+    for n in range(1, steps):
         if stopped[0]:
             break
-        states = advance(states, symmetric, straightening(steps), task.plant)
+        states = advance(states, symmetric, steps, task.plant)
+        if n == 1 and departs:
+            states = without_rests(states)
         uppers.extend(states.pieces.uppers)
         lowers.extend(states.pieces.lowers)
         rests.append(states.rests)
@@ -139,14 +146,15 @@ def _predecessor(
     rounding alone: where there is none otherwise, windows are a little wider.
     """
     best = _Way(-math.inf, 0.0)
-    for slack in (0.0, ROUNDING):
+    outside = OUTSIDE if plant.stribeck_velocity == 0.0 else STRAIGHT
+    for slack in SLACKS:
         best = _from_rest(sets.rests[n], position, after, plant)
         for i in range(sets.begins[n], sets.begins[n + 1]):
             piece = Piece(sets.uppers[i], sets.lowers[i])
             best = _from_piece(best, piece, position, after, slack, plant)
             if symmetric:
                 best = _from_piece(best, mirrored(piece), position, after, slack, plant)
-        if best.depth > -OUTSIDE:
+        if best.depth > -outside:
             break
     return best.velocity
 

@@ -29,7 +29,7 @@ from app.planning.methods.base import Method
 from app.planning.methods.optimiser import Optimiser, score
 from app.planning.plan import Plan
 from app.planning.planner import plan
-from app.planning.plant.system import System
+from app.planning.plant.system import ControlLimits, System
 from app.planning.problem import Problem
 from app.planning.recipe import Recipe
 from app.planning.stop import NEVER, Stop
@@ -78,7 +78,23 @@ def test_controls_keep_to_the_limit_of_the_plant_and_use_it(method: Method, syst
 
     largest = np.max(np.abs(planned(method, problem=problem).candidates.controls))
 
-    assert 0.9 * system.control_limit < largest <= system.control_limit
+    limit = system.plant.highest_control
+    assert 0.9 * limit < largest <= limit
+
+
+@every_method
+@pytest.mark.parametrize(("lower", "upper"), [(-0.4, 2.0), (-2.0, 0.1), (0.0, 2.0), (0.5, 2.0)])
+def test_controls_keep_to_the_limits_of_each_side(
+    method: Method, lower: float, upper: float
+) -> None:
+    system = System(control_limit=ControlLimits(lower, upper), control_gain=0.5, bias=-0.2)
+    problem = Problem(np.zeros(2), np.array([0.1, 0.0]), system)
+
+    controls = planned(method, problem=problem).candidates.controls
+
+    assert controls.min() >= lower
+    assert controls.max() <= upper
+    assert np.ptp(controls) > 0.8 * (upper - lower)
 
 
 @every_method

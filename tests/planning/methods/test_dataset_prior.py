@@ -17,7 +17,7 @@ def test_the_candidates_are_draws_of_its_prior_for_the_plant_and_horizon() -> No
     proposal = DatasetPrior(prior=prior).propose(PROBLEM, 30, np.random.default_rng(2))
 
     np.testing.assert_array_equal(
-        proposal.controls, prior.sample(30, 50, 1.5, np.random.default_rng(2))
+        proposal.controls, prior.sample(30, 50, PROBLEM.system.plant, np.random.default_rng(2))
     )
 
 

@@ -17,8 +17,9 @@ def random_plan(seed: int) -> tuple[Problem, FloatArray, FloatArray]:
     """Return a problem, controls within its limits and a direction to change them in, (H,)."""
     rng = np.random.default_rng(seed)
     problem = Problem(rng.uniform(-1, 1, 2), np.zeros(2), random_system(rng), HORIZON)
-    limit = problem.system.control_limit
-    controls = np.repeat(rng.uniform(-limit, limit, HORIZON // 4), 4)
+    plant = problem.system.plant
+    levels = rng.uniform(plant.lowest_control, plant.highest_control, HORIZON // 4)
+    controls = np.repeat(levels, 4)
     return problem, controls, rng.uniform(-1, 1, HORIZON)
 
 
@@ -37,7 +38,7 @@ def test_velocities_change_at_the_rates_of_the_motion_as_long_as_it_is_kept_to(s
     problem, controls, direction = random_plan(seed)
     nudge, rates = 1e-6, np.empty(HORIZON)
     motion = motion_of(controls, problem.task)
-    free_velocity_rates(motion, direction, problem.system.time_step, rates)
+    free_velocity_rates(motion, direction, problem.system.plant, rates)
     nudged = motion_of(controls + nudge * direction, problem.task)
     for kept in ("direction", "by_velocity", "by_control"):
         assume(np.array_equal(getattr(nudged, kept), getattr(motion, kept)))
@@ -52,7 +53,7 @@ def test_the_rates_are_the_rows_of_the_derivative_along_the_direction(seed: int)
     motion = motion_of(controls, problem.task)
     rows, rates = np.empty((HORIZON, HORIZON)), np.empty(HORIZON)
     for k in range(HORIZON):
-        free_velocity_row(motion, k, problem.system.time_step, rows[k])
-    free_velocity_rates(motion, direction, problem.system.time_step, rates)
+        free_velocity_row(motion, k, problem.system.plant, rows[k])
+    free_velocity_rates(motion, direction, problem.system.plant, rates)
 
     np.testing.assert_allclose(rows @ direction, rates, atol=1e-12)

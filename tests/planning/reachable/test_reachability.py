@@ -4,8 +4,7 @@ How the reachable set is computed is not looked at here, only what it claims.
 """
 
 import math
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import replace
 
 import numpy as np
 import psutil
@@ -17,12 +16,18 @@ from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, DatasetPrior
 from app.planning.planner import plan
+from app.planning.plant.friction import (
+    breaking_away,
+    can_rest,
+    holding_control,
+    resting_controls,
+)
 from app.planning.plant.rollout import rollout, terminal_state
 from app.planning.plant.system import Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import REACHABLE_WITHIN, Reachability, reachability
 from app.planning.recipe import Recipe
-from tests.planning.plants import mirrored, plants
+from tests.planning.plants import lopsided, machines, mirrored
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROUNDING = 1e-9
@@ -38,25 +43,40 @@ def random_system(rng: np.random.Generator) -> System:
     time_step = rng.choice([0.01, 0.05, 0.1, 0.3])
     threshold = rng.choice([1e-3, 1e-2, 0.1, time_step * max(static - coulomb, 1e-3)])
     damping = rng.choice([0.0, 0.05, rng.uniform(0, 3)])
-    return System(static, coulomb, damping, limit, time_step, threshold)
+    system = System(
+        static,
+        coulomb,
+        damping,
+        control_limit=limit,
+        time_step=time_step,
+        velocity_threshold=threshold,
+    )
+    if rng.random() < 0.5:
+        system = lopsided(system, rng)
+    if rng.random() < 0.2:
+        system = replace(system, stribeck_velocity=10 ** rng.uniform(-2.5, 0))
+    return system
 
 
 def random_controls(
     rng: np.random.Generator, system: System, num_candidates: int, horizon: int
 ) -> FloatArray:
     """Noise, holds, bang-bang, kicks and controls just past the breakaway force."""
-    shape = (num_candidates, horizon)
-    noise = rng.uniform(-1, 1, shape)
+    plant, shape = system.plant, (num_candidates, horizon)
+    lowest, highest = plant.lowest_control, plant.highest_control
+    noise = rng.uniform(lowest, highest, shape)
     held = np.repeat(noise, int(rng.integers(1, horizon + 1)), axis=1)[:, :horizon]
-    past = system.static_friction / system.control_limit + 0.1 * rng.random(shape)
+    extreme = np.where(held > 0, highest, lowest)
+    resting = resting_controls(plant)
+    past = 0.1 * (highest - lowest) * rng.random(shape)
     kinds = (
         noise,
         held,
-        np.sign(held),
-        np.where(rng.random(shape) < 0.5, np.sign(noise), 0.0),
-        np.clip(np.sign(held) * past, -1, 1),
+        extreme,
+        np.where(rng.random(shape) < 0.5, extreme, holding_control(plant)),
+        np.where(held > 0, resting.high + past, resting.low - past),
     )
-    return np.asarray(kinds[rng.integers(len(kinds))] * system.control_limit)
+    return np.clip(kinds[rng.integers(len(kinds))], lowest, highest)
 
 
 def random_start(rng: np.random.Generator, system: System) -> FloatArray:
@@ -68,11 +88,12 @@ def random_start(rng: np.random.Generator, system: System) -> FloatArray:
 
 def hops_in_many_ways(system: System) -> bool:
     """Say whether the set may fall into so many pieces that holes are filled: a bound only then."""
-    above, dead = (
-        system.control_limit - system.static_friction,
-        system.static_friction - system.coulomb_friction,
+    hops = [breaking_away(direction, system.plant) for direction in (1.0, -1.0)]
+    return any(
+        0.0 < hop.high - hop.low < min(abs(hop.low), abs(hop.high))
+        and max(abs(hop.low), abs(hop.high)) < system.velocity_threshold
+        for hop in hops
     )
-    return 0.0 < above < dead and system.time_step * (above + dead) < system.velocity_threshold
 
 
 def floor_of(system: System, start: FloatArray, target: FloatArray, horizon: int) -> Reachability:
@@ -99,10 +120,11 @@ def test_no_sampled_plan_beats_the_floor(seed: int) -> None:
     rng = np.random.default_rng(seed)
     system, horizon = random_system(rng), int(rng.choice([1, 2, 3, 5, 10, 30]))
     start, target = random_start(rng, system), rng.uniform(-0.5, 0.5, 2)
-    floor = floor_of(system, start, target, horizon).floor
+    result = floor_of(system, start, target, horizon)
     controls = random_controls(rng, system, 500, horizon)
     ends = rollout(system, start, controls)[:, -1]
-    assert np.linalg.norm(ends - target, axis=1).min() >= floor - ROUNDING
+    nearest = np.linalg.norm(ends - target, axis=1).min()
+    assert nearest >= result.floor - result.floor_error - ROUNDING
 
 
 @pytest.mark.parametrize("method", [DatasetPrior(), CEM()])
@@ -126,19 +148,22 @@ def test_the_nearest_state_is_reachable_at_the_distance_of_the_floor(seed: int) 
     assert math.isclose(
         float(np.linalg.norm(result.nearest_state - target)), result.floor, abs_tol=1e-12
     )
-    assert floor_of(system, start, result.nearest_state, horizon).floor <= REACHABLE_WITHIN
+    again = floor_of(system, start, result.nearest_state, horizon)
+    assert again.floor <= REACHABLE_WITHIN + again.floor_error
 
 
 @settings(deadline=None, max_examples=40)
 @given(SEEDS)
-def test_mirror_symmetry(seed: int) -> None:
+def test_the_mirrored_problem_of_the_mirrored_plant_has_the_same_floor(seed: int) -> None:
     rng = np.random.default_rng(seed)
     system, horizon = random_system(rng), int(rng.choice([1, 3, 10, 30]))
     start, target = random_start(rng, system), rng.uniform(-1, 1, 2)
     one = floor_of(system, start, target, horizon)
-    other = floor_of(system, -start, -target, horizon)
-    assert math.isclose(one.floor, other.floor, abs_tol=1e-9)
-    assert one.minimum_steps == other.minimum_steps
+    other = floor_of(mirrored(system), -start, -target, horizon)
+    inexact = one.floor_error + other.floor_error
+    assert math.isclose(one.floor, other.floor, abs_tol=1e-9 + inexact)
+    if inexact == 0.0:
+        assert one.minimum_steps == other.minimum_steps
 
 
 @settings(deadline=None, max_examples=25)
@@ -146,28 +171,22 @@ def test_mirror_symmetry(seed: int) -> None:
 def test_from_rest_more_steps_never_hurt_and_the_fewest_are_the_fewest(seed: int) -> None:
     rng = np.random.default_rng(seed)
     system, start = random_system(rng), np.array([0.3, 0.0])
-    assume(not hops_in_many_ways(system))
+    assume(not hops_in_many_ways(system) and can_rest(system.plant))
     target = start + rng.uniform(-0.1, 0.1, 2) * rng.choice([0.0, 1.0], 2)
     results = {horizon: floor_of(system, start, target, horizon) for horizon in range(1, 16)}
+    inexact = results[15].floor_error
     for horizon in range(2, 16):
-        assert results[horizon].floor <= results[horizon - 1].floor + ROUNDING
+        assert results[horizon].floor <= results[horizon - 1].floor + ROUNDING + 2 * inexact
     fewest = results[15].minimum_steps
     for horizon, result in results.items():
         assert result.reachable == (fewest is not None and horizon >= fewest)
         assert result.minimum_steps == (fewest if result.reachable else None)
 
 
-@dataclass(frozen=True)
-class Lopsided:
-    """A system whose control limits differ by direction, as far as rollouts and floors ask."""
-
-    plant: Plant
-
-
 @settings(deadline=None, max_examples=60)
-@given(plants(), SEEDS)
-def test_the_floor_holds_for_limits_that_differ_by_direction(plant: Plant, seed: int) -> None:
-    assume(plant.highest_control - plant.lowest_control > 1e-3)
+@given(machines(), SEEDS)
+def test_the_floor_holds_for_whatever_differs_by_direction(system: System, seed: int) -> None:
+    plant = system.plant
     rng = np.random.default_rng(seed)
     horizon = int(rng.choice([1, 2, 3, 6, 20]))
     start = rng.choice([0.0, 1.0], 2) * rng.uniform(-1, 1, 2)
@@ -176,17 +195,42 @@ def test_the_floor_holds_for_limits_that_differ_by_direction(plant: Plant, seed:
         int(rng.integers(1, horizon + 1)),
         axis=1,
     )[:, :horizon]
-    system = cast(System, Lopsided(plant))
     ends = rollout(system, start, controls)[:, -1]
 
     assert floor_of(system, start, ends[0], horizon).reachable
     target = ends[0] + rng.uniform(-0.5, 0.5, 2)
     result = floor_of(system, start, target, horizon)
-    assert np.linalg.norm(ends - target, axis=1).min() >= result.floor - ROUNDING
-    assert floor_of(system, start, result.nearest_state, horizon).floor <= REACHABLE_WITHIN
-    image = floor_of(cast(System, Lopsided(mirrored(plant))), -start, -target, horizon)
-    assert math.isclose(result.floor, image.floor, abs_tol=1e-9)
-    assert result.minimum_steps == image.minimum_steps
+    inexact = result.floor_error + ROUNDING
+    assert np.linalg.norm(ends - target, axis=1).min() >= result.floor - inexact
+    again = floor_of(system, start, result.nearest_state, horizon)
+    assert again.floor <= again.floor_error + REACHABLE_WITHIN
+    image = floor_of(mirrored(system), -start, -target, horizon)
+    assert math.isclose(result.floor, image.floor, abs_tol=2 * inexact)
+
+
+def test_a_mass_that_cannot_hold_still_cannot_wait() -> None:
+    # Each step at rest, it slips: by dt (2.0 - 0.9 - 0.6) = 0.025 m/s more, or by up to 0.115.
+    slipping = System(bias=2.0)
+    start = np.zeros(2)
+
+    assert floor_of(System(), start, start, 1).minimum_steps == 0
+    for horizon in (1, 2, 5):
+        result = floor_of(slipping, start, start, horizon)
+        assert not result.reachable
+        # All the while with full control against it: p and v at the least.
+        steps = np.arange(1, horizon + 1)
+        velocities = 0.5 * (1 - (1 - 0.05 * 0.05) ** steps) / 0.05
+        nearest = math.hypot(0.05 * velocities.sum(), velocities[-1])
+        assert result.floor == pytest.approx(nearest, abs=1e-12)
+
+
+def test_a_floor_says_how_far_it_may_be_off() -> None:
+    start, target = np.zeros(2), np.array([0.4, 0.1])
+    assert floor_of(System(), start, target, 64).floor_error == 0.0
+    weakening = System(stribeck_velocity=0.1)
+    assert 0.0 < floor_of(weakening, start, target, 64).floor_error <= 1e-6
+    hopping = System(static_friction=0.89, velocity_threshold=0.05)
+    assert floor_of(hopping, start, np.array([3.0, 0.3]), 64).floor_error > 1e-9
 
 
 def test_a_stuck_plant_stays() -> None:
@@ -224,7 +268,7 @@ def test_many_calls_leave_no_memory_behind(problem: Problem, calls: int) -> None
 
 # With dt = 1, b = 0, f_s = 2, f_c = 1 and u_max = 4, breaking away takes v from 0 to (1, 3], and
 # sliding changes it by anything in [-5, 3] short of a reversal.
-BY_HAND = System(2.0, 1.0, 0.0, 4.0, 1.0, 1e-3)
+BY_HAND = System(2.0, 1.0, 0.0, control_limit=4.0, time_step=1.0, velocity_threshold=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -269,9 +313,11 @@ def _search(
     steps: int,
 ) -> float:
     """Return the least terminal error that a multi-start local search finds."""
-    limit = plant.highest_control
-    least = min(plant.static_friction, limit)
-    levels = np.array([-limit, -least, 0.0, least, limit])
+    lowest, highest = plant.lowest_control, plant.highest_control
+    limit, resting = 0.5 * (highest - lowest), resting_controls(plant)
+    least_forward = min(highest, max(lowest, resting.high))
+    least_backward = min(highest, max(lowest, resting.low))
+    levels = np.array([lowest, least_backward, holding_control(plant), least_forward, highest])
     best = np.inf
     controls, trial = np.empty(horizon), np.empty(horizon)
     for _ in range(restarts):
@@ -291,7 +337,7 @@ def _search(
                 trial[k] += spread * rng.standard_normal()
                 if rng.random() < 0.2:
                     trial[k] = levels[rng.integers(0, 5)] * (1 + 1e-6 * rng.random())
-                trial[k] = min(limit, max(-limit, trial[k]))
+                trial[k] = min(highest, max(lowest, trial[k]))
             p, v = terminal_state(trial, start[0], start[1], plant)
             found = math.hypot(p - target[0], v - target[1])
             if found <= error:
@@ -307,9 +353,9 @@ def gap_of_search(rng: np.random.Generator, horizons: list[int], restarts: int) 
     start = random_start(rng, system)
     reach = horizon * system.time_step
     target = start + rng.uniform(-1, 1, 2) * np.array([0.5 * reach**2 + 0.3 * reach, 0.5 * reach])
-    floor = floor_of(system, start, target, horizon).floor
+    result = floor_of(system, start, target, horizon)
     found = _search(rng, start, target, horizon, system.plant, restarts, 1500)
-    return float(found - floor)
+    return float(found - result.floor + result.floor_error)
 
 
 def test_a_search_comes_to_the_floor_and_not_below() -> None:

@@ -5,8 +5,9 @@ import pytest
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
+from app.planning.plant.friction import resting_controls
 from app.planning.plant.rollout import step
-from app.planning.plant.system import Plant, System
+from app.planning.plant.system import ByDirection, ControlLimits, Plant, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import reachability
 
@@ -53,29 +54,38 @@ def reached(velocity: float, horizon: int, controls: FloatArray, plant: Plant) -
         (System(static_friction=0.8), 0.05, 16),
         (System(viscous_damping=0.0, coulomb_friction=0.3), -0.1, 12),
         (System(control_limit=0.65), 0.3, 16),
+        (System(ByDirection(0.7, 0.4), ByDirection(0.5, 0.2), ByDirection(0.1, 3.0)), 0.0, 16),
+        (System(bias=0.3, control_limit=ControlLimits(-0.5, 0.8)), 0.0, 16),
+        (System(bias=1.7), -0.1, 12),
+        (System(bias=-0.65, control_gain=3.0, control_limit=0.3), 0.1, 16),
+        (System(0.8, 0.3, stribeck_velocity=0.03), 0.0, 16),
+        (System(0.8, ByDirection(0.1, 0.5), stribeck_velocity=0.1, bias=0.2), -0.1, 16),
     ],
 )
 def test_the_grid_never_beats_the_floor_and_comes_near_it(
     system: System, velocity: float, horizon: int
 ) -> None:
-    limit = system.control_limit
-    # Both sides of the threshold of static friction, where controls change what they do.
-    edges = [limit, min(limit, system.static_friction), min(limit, system.static_friction + 1e-9)]
+    plant = system.plant
+    lowest, highest = plant.lowest_control, plant.highest_control
+    # Both sides of the thresholds of static friction, where controls change what they do.
+    low, high = resting_controls(plant)
+    edges = np.array([low - 1e-9, low, high, high + 1e-9])
     levels = np.unique(
-        np.concatenate([np.linspace(-limit, limit, LEVELS), edges, np.negative(edges)])
+        np.concatenate([np.linspace(lowest, highest, LEVELS), edges.clip(lowest, highest)])
     )
-    states = reached(velocity, horizon, levels, system.plant)
+    states = reached(velocity, horizon, levels, plant)
     assert len(states) > 20
     start = np.array([0.0, velocity])
     rng = np.random.default_rng(0)
 
     for state in states[rng.choice(len(states), size=min(len(states), 200), replace=False)]:
-        assert reachability(Problem(start, state, system, horizon)).floor < 1e-9
+        result = reachability(Problem(start, state, system, horizon))
+        assert result.floor < 1e-9 + result.floor_error
 
     spread = np.ptp(states, axis=0) + 0.05
     targets = states.mean(axis=0) + spread * rng.uniform(-1, 1, (200, 2))
     for target in targets:
         nearest = np.linalg.norm(states - target, axis=1).min()
-        floor = reachability(Problem(start, target, system, horizon)).floor
-        assert floor <= nearest + 1e-9
-        assert nearest <= floor + 6 * CELL
+        result = reachability(Problem(start, target, system, horizon))
+        assert result.floor <= nearest + 1e-9 + result.floor_error
+        assert nearest <= result.floor + 6 * CELL

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from app.planning.methods import DatasetPrior, Uniform
 from app.planning.planner import plan
 from app.planning.plant.rollout import rollout
-from app.planning.plant.system import System
+from app.planning.plant.system import ByDirection, ControlLimits, System
 from app.planning.problem import Problem
 from app.planning.reachable.reachability import reachability
 from app.planning.reachable.trace import trace
@@ -33,7 +33,18 @@ PLANTS = {
     "strong": System(control_limit=9.0),
     "coarse": System(time_step=0.2),
     "fine": System(time_step=0.01),
-    "large": System(700.0, 600.0, 0.05, 900.0, 0.05, 1.0),
+    "large": System(700.0, 600.0, control_limit=900.0, velocity_threshold=1.0),
+    "easier backward": System(ByDirection(0.7, 0.3), ByDirection(0.6, 0.2), ByDirection(0.1, 1.0)),
+    "slope that holds": System(bias=0.5),
+    "slope as steep as static friction": System(bias=0.7),
+    "slope that has to be held": System(bias=-0.9),
+    "slope that slips": System(bias=1.7),
+    "bias at the limit": System(bias=0.9),
+    "one way": System(control_limit=ControlLimits(0.0, 0.9), bias=-0.1),
+    "always on": System(control_limit=ControlLimits(0.1, 2.0), bias=-0.8),
+    "other units": System(control_gain=36.9, control_limit=0.05, bias=0.1),
+    "Stribeck": System(1.2, 0.4, stribeck_velocity=0.05, control_limit=3.0),
+    "slow Stribeck": System(0.7, 0.1, stribeck_velocity=0.5),
 }
 INEXACT = {"hops": 1e-2, "damped within a step": 1e-2}
 """Of the first the narrowest holes are filled, and its floor is a lower bound only; in the second
@@ -66,7 +77,9 @@ def test_a_traced_plan_ends_on_the_floor(
     controls = trace(problem, bound)
 
     assert controls.shape == (horizon,)
-    assert np.abs(controls).max() <= problem.system.control_limit
+    plant_limits = problem.system.plant
+    assert controls.min() >= plant_limits.lowest_control
+    assert controls.max() <= plant_limits.highest_control
     end = rollout(problem.system, problem.initial_state, controls[np.newaxis])[0, -1]
     error = math.hypot(*(end - problem.target_state))
     scale = max(1.0, float(np.abs([problem.initial_state, problem.target_state]).max()))

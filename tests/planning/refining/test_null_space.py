@@ -39,12 +39,12 @@ def least_by_ipopt(problem: Problem, controls: FloatArray, objective: Objective)
     backwards, stuck, broken away or stopped) and the terminal state where `controls` lead.
     """
     casadi: Any = pytest.importorskip("casadi")
-    system, horizon = problem.system, problem.horizon
-    static, dt, rest = system.static_friction, system.time_step, system.velocity_threshold
-    states = rollout(system, problem.initial_state, controls[np.newaxis])[0]
+    plant, horizon = problem.system.plant, problem.horizon
+    static, dt, rest = plant.static_forward, plant.time_step, plant.velocity_threshold
+    states = rollout(problem.system, problem.initial_state, controls[np.newaxis])[0]
     u = casadi.SX.sym("u", horizon)
     p, v = (casadi.SX(value) for value in problem.initial_state)
-    low = np.full(horizon, -system.control_limit)
+    low = np.full(horizon, plant.lowest_control)
     high = -low
     constraints = []
     for k, (before, after) in enumerate(zip(states[:-1, 1], states[1:, 1], strict=True)):
@@ -58,8 +58,8 @@ def least_by_ipopt(problem: Problem, controls: FloatArray, objective: Objective)
             low[k] = static
         elif at_rest:
             high[k] = -static
-        damping = 0.0 if at_rest else system.viscous_damping
-        free = v + dt * (u[k] - side * system.coulomb_friction - damping * v)
+        damping = 0.0 if at_rest else plant.damping_forward
+        free = v + dt * (u[k] - side * plant.coulomb_forward - damping * v)
         if not at_rest and after == 0:
             constraints.append((side * free, -np.inf, 0.0))
             v = casadi.SX(0)
@@ -91,7 +91,7 @@ def test_ipopt_finds_no_less_in_the_same_motion(objective: Objective, target_spe
         start = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 0.5)])
         target = np.array([rng.uniform(-1, 1), rng.uniform(-1, 1) * target_speed])
         problem = Problem(start, target)
-        proposed = ControlPrior().sample(4, problem.horizon, problem.system.control_limit, rng)
+        proposed = ControlPrior().sample(4, problem.horizon, problem.system.plant, rng)
         refined = refine(problem, proposed, Refinement(), objective)
         best = refined.controls[np.argmin(refined.errors)]
         least = best if objective is CONTROL_ENERGY else np.diff(best)

@@ -16,6 +16,7 @@ from app.planning.objectives import (
     TOLERANCE,
     Objective,
 )
+from app.planning.plant.friction import resting_controls
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
@@ -46,11 +47,12 @@ def random_problems(
 
 def check(problem: Problem, controls: FloatArray, refined: Refined) -> None:
     """What holds of every refinement."""
-    limit = problem.system.control_limit
+    plant = problem.system.plant
     assert refined.controls.shape == controls.shape
-    assert np.all(np.abs(refined.controls) <= limit)
+    assert np.all(refined.controls >= plant.lowest_control)
+    assert np.all(refined.controls <= plant.highest_control)
     assert np.all(refined.errors <= refined.errors_before + ROUNDING)
-    before = errors_of(problem, np.clip(controls, -limit, limit))
+    before = errors_of(problem, np.clip(controls, plant.lowest_control, plant.highest_control))
     np.testing.assert_allclose(refined.errors_before, before, rtol=ROUNDING, atol=ROUNDING)
     after = errors_of(problem, refined.controls)
     np.testing.assert_allclose(refined.errors, after, rtol=ROUNDING, atol=ROUNDING)
@@ -79,12 +81,13 @@ def test_never_worse_and_never_out_of_bounds(
     system = random_system(rng)
     start = rng.choice([0, 1]) * rng.uniform(-1, 1, 2)
     problem = Problem(start, rng.choice([0, 1], 2) * rng.uniform(-1, 1, 2), system, horizon)
-    limit, shape = system.control_limit, (num_candidates, horizon)
+    plant, shape = system.plant, (num_candidates, horizon)
+    lowest, highest = plant.lowest_control, plant.highest_control
     controls = {
-        "prior": ControlPrior().sample(num_candidates, horizon, limit, rng),
-        "stuck": np.full(shape, min(limit, 0.9 * system.static_friction)),
-        "saturated": limit * np.sign(rng.uniform(-1, 1, shape)),
-        "outside": rng.uniform(-3 * limit, 3 * limit, shape),
+        "prior": ControlPrior().sample(num_candidates, horizon, plant, rng),
+        "stuck": np.full(shape, min(highest, 0.9 * resting_controls(plant).high)),
+        "saturated": rng.choice([lowest, highest], shape),
+        "outside": rng.uniform(3 * lowest, 3 * highest, shape),
         "zero": np.zeros(shape),
     }[kind]
     given_controls = controls.copy()
@@ -98,7 +101,7 @@ def test_never_worse_and_never_out_of_bounds(
 
 def test_an_exact_plan_is_left_alone() -> None:
     rng = np.random.default_rng(1)
-    controls = ControlPrior().sample(1, 64, 0.9, rng)
+    controls = ControlPrior().sample(1, 64, System().plant, rng)
     reached = rollout(System(), np.zeros(2), controls)[0, -1]
     refined = refine(Problem(np.zeros(2), reached), controls, Refinement())
     np.testing.assert_array_equal(refined.controls, controls)
@@ -116,7 +119,7 @@ def test_a_stuck_candidate_arrives() -> None:
 
 def test_the_same_call_gives_the_same_plan() -> None:
     for problem, rng in random_problems(20, seed=3, target_speed=0.5):
-        controls = ControlPrior().sample(4, problem.horizon, 0.9, rng)
+        controls = ControlPrior().sample(4, problem.horizon, problem.system.plant, rng)
         first = refine(problem, controls, Refinement())
         second = refine(problem, controls, Refinement())
         np.testing.assert_array_equal(first.controls, second.controls)
@@ -132,7 +135,7 @@ def test_what_can_be_reached_is_reached(
 ) -> None:
     arrived = []
     for problem, rng in random_problems(300, seed=5, target_speed=target_speed):
-        controls = ControlPrior().sample(num_candidates, problem.horizon, 0.9, rng)
+        controls = ControlPrior().sample(num_candidates, problem.horizon, problem.system.plant, rng)
         refined = refine(problem, controls, Refinement())
         check(problem, controls, refined)
         arrived.append(refined.errors.min() < 1e-6)
@@ -151,7 +154,7 @@ def test_the_objective_falls_and_the_plan_still_arrives(
     before: list[float] = []
     after: list[float] = []
     for problem, rng in random_problems(60, seed=9, target_speed=target_speed):
-        controls = ControlPrior().sample(2, problem.horizon, 0.9, rng)
+        controls = ControlPrior().sample(2, problem.horizon, problem.system.plant, rng)
         exact = refine(problem, controls, Refinement(), LOWERS_NOTHING)
         least = refine(problem, controls, Refinement(), objective)
         check(problem, controls, least)

@@ -40,7 +40,7 @@ def refined_plan(problem: Problem, objective: Objective, seed: int) -> Plan:
 def test_pauses_go_to_the_end_and_the_motion_stays() -> None:
     push, brake, pause = 0.9, -0.9, 0.5
     # A control of f_s exactly moves nothing, though the paper does not call it stuck.
-    held = -COARSE.static_friction
+    held = -COARSE.plant.static_forward
     controls = np.array([[pause, pause, push, brake, held, pause, -pause, push, brake, pause]])
     reached = rollout(COARSE, REST, controls)[0, -1]
     assert reached[0] > 0.02
@@ -72,7 +72,8 @@ def test_no_error_and_no_count_ever_grows(seed: int, num_candidates: int, horizo
     system = random_system(rng)
     target = rng.choice([0, 1], 2) * rng.uniform(-1, 1, 2)
     problem = Problem(rng.choice([0, 1], 2) * rng.uniform(-1, 1, 2), target, system, horizon)
-    controls = rng.uniform(-1, 1, (num_candidates, horizon)) * system.control_limit
+    plant, shape = system.plant, (num_candidates, horizon)
+    controls = rng.uniform(plant.lowest_control, plant.highest_control, shape)
     controls *= rng.choice([0, 1], controls.shape)
     before, errors_before = stuck_and_errors(problem, controls)
 

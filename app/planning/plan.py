@@ -30,7 +30,7 @@ class RefinementEffect:
     error_after: float
     """Of the selected one; above `error_before` by no more than rounding, 1e-12."""
     replaced: bool
-    """Whether the selected plan follows a motion that a repair put in the candidate's place."""
+    """Whether a plan traced through the reachable set took the selected candidate's place."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,16 @@ from app.planning.problem import Problem
 from app.planning.reachable.reachability import reachability
 from app.planning.reachable.trace import trace
 from app.planning.recipe import Recipe
-from app.planning.refining.refinement import Refinement, refine
+from app.planning.refining.refinement import Refinement
 
 _PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]))
 
 
 def make_refined_plans() -> None:
-    """Refine towards each objective, and repair what does not move."""
+    """Refine towards each objective."""
     for objective in OBJECTIVES.values():
         recipe = Recipe(DatasetPrior(), 2, Refinement(), objective)
         plan(_PROBLEM, recipe, np.random.default_rng(0))
-    refine(_PROBLEM, np.zeros((2, _PROBLEM.horizon)), Refinement())
 
 
 def make_bounded_plan() -> None:

@@ -47,7 +47,8 @@ class RefinementReport(WireModel):
         description="Of the plan: never above `error_before` by more than rounding, 1e-12."
     )
     replaced: bool = Field(
-        description="Whether a repair put another motion in the selected candidate's place."
+        description="Whether a plan traced through the reachable set took the place of the "
+        "selected candidate."
     )
 
 

@@ -1,7 +1,5 @@
 """What a plan takes is known before it is made: exactly, or about where it is refined."""
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 
@@ -11,13 +9,7 @@ from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, Objective
 from app.planning.planner import plan
 from app.planning.problem import Cost, Problem
 from app.planning.recipe import Recipe
-from app.planning.refining.refinement import (
-    WINDOW_ROLLOUTS,
-    WINDOW_SHARE,
-    WINDOWS,
-    Refinement,
-)
-from app.planning.refining.repair import overwrite_best_window
+from app.planning.refining.refinement import Refinement
 from tests.planning.fakes import Fixed, every_method
 
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
@@ -70,34 +62,16 @@ def test_a_refined_plan_takes_no_more_than_is_estimated(
 
 @pytest.mark.parametrize("num_candidates", [1, 64])
 @pytest.mark.parametrize("target", [(3.0, 0.0), (0.9, -0.5), (-0.2, 1.0)])
-def test_where_nothing_arrives_it_takes_about_the_estimate(
+def test_where_nothing_arrives_it_takes_a_part_of_the_estimate(
     num_candidates: int, target: tuple[float, float]
 ) -> None:
     recipe = Recipe(DatasetPrior(), num_candidates, Refinement())
 
     made = plan(Problem(np.zeros(2), np.array(target)), recipe, np.random.default_rng(0))
 
-    # Counted are parts of rollouts as well, most of them over a third of the horizon.
     assert made.terminal_error > 0.1
     estimate = recipe.cost().rollouts
-    assert estimate < made.cost.rollouts < 1.5 * WINDOW_SHARE * estimate
-
-
-def test_the_rollouts_of_all_windows_go_over_a_third_of_their_horizons() -> None:
-    horizon = 64
-    tried = simulated = 0
-    for windows in WINDOWS:
-        stride = horizon // windows
-        for begin, end in combinations(range(0, horizon + 1, stride), 2):
-            assert begin < end
-            tried += 3
-            simulated += 3 * (horizon - end)
-        controls, task = np.zeros(horizon), Problem(np.zeros(2), np.ones(2), horizon=horizon).task
-        _, spent = overwrite_best_window(controls, task, stride)
-        assert spent == 3 * windows * (windows + 1) // 2 + 1
-
-    assert tried == WINDOW_ROLLOUTS
-    assert simulated == pytest.approx(tried * horizon / WINDOW_SHARE, rel=0.06)
+    assert 0.1 * estimate < made.cost.rollouts < 1.5 * estimate
 
 
 def test_without_refinement_a_recipe_is_otherwise_the_same() -> None:

@@ -17,6 +17,7 @@ STOPPING_MARGIN = 1e-9
 MAX_HALVINGS = 64
 ROUNDING = 2.0**-53
 """Relative, of a double."""
+TINY = 1e-300
 
 
 class Friction(NamedTuple):
@@ -129,11 +130,12 @@ class Controls(NamedTuple):
 @compiled
 def resting_controls(plant: Plant) -> Controls:
     """Return all controls that leave a mass at rest, admissible or not, to within rounding."""
-    low, high, rounding = _edges(plant)
-    by = rounding
+    low = (-plant.static_backward - plant.bias) / plant.control_gain
+    by = _rounding(plant.static_backward, plant)
     while acceleration(low, plant) < -plant.static_backward:
         low, by = low + by, 2.0 * by
-    by = rounding
+    high = (plant.static_forward - plant.bias) / plant.control_gain
+    by = _rounding(plant.static_forward, plant)
     while acceleration(high, plant) > plant.static_forward:
         high, by = high - by, 2.0 * by
     return Controls(low, high)
@@ -142,26 +144,20 @@ def resting_controls(plant: Plant) -> Controls:
 @compiled
 def breakaway_controls(plant: Plant) -> Controls:
     """Return the least controls that break a mass at rest away, backward and forward."""
-    low, high, rounding = _edges(plant)
-    low, by = math.nextafter(low, -math.inf), rounding
+    resting = resting_controls(plant)
+    low, by = math.nextafter(resting.low, -math.inf), _rounding(plant.static_backward, plant)
     while acceleration(low, plant) >= -plant.static_backward:
         low, by = low - by, 2.0 * by
-    high, by = math.nextafter(high, math.inf), rounding
+    high, by = math.nextafter(resting.high, math.inf), _rounding(plant.static_forward, plant)
     while acceleration(high, plant) <= plant.static_forward:
         high, by = high + by, 2.0 * by
     return Controls(low, high)
 
 
 @compiled
-def _edges(plant: Plant) -> tuple[float, float, float]:
-    """Return the controls of static friction backward and forward, and what rounding makes of them.
-
-    Either may lie on either side of the switch.
-    """
-    low = (-plant.static_backward - plant.bias) / plant.control_gain
-    high = (plant.static_forward - plant.bias) / plant.control_gain
-    largest = max(plant.static_backward, plant.static_forward, abs(plant.bias))
-    return low, high, ROUNDING * largest / plant.control_gain
+def _rounding(static_friction: float, plant: Plant) -> float:
+    """Return what rounding does to the control of a static friction, if anything."""
+    return max(TINY, ROUNDING * max(static_friction, abs(plant.bias)) / plant.control_gain)
 
 
 @compiled

@@ -53,8 +53,8 @@ def _bent_line(line: FloatArray, direction: float, horizon: int, plant: Plant) -
     steps = np.ones(line.shape[0], dtype=np.int64)
     for i in range(line.shape[0] - 1):
         v0, v1 = line[i, 0], line[i + 1, 0]
-        if v0 < v1 and min(abs(v0), abs(v1)) < _FADED * scale:
-            kept = kept_velocity(v1, direction, plant) - kept_velocity(v0, direction, plant)
+        kept = kept_velocity(v1, direction, plant) - kept_velocity(v0, direction, plant)
+        if kept > 0.0 and min(abs(v0), abs(v1)) < _FADED * scale:
             slope = min(steepest, abs(line[i + 1, 1] - line[i, 1]) / kept)
             parts = (v1 - v0) * math.sqrt(slope * bend / (8.0 * straightening(horizon)))
             steps[i] = max(1, min(_MAX_PARTS, math.ceil(parts)))

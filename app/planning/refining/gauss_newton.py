@@ -1,6 +1,6 @@
 """Damped Gauss-Newton on the terminal error, within the control bounds: one candidate, compiled.
 
-It keeps to the motion that the candidate has; trying other motions is the matter of repair.py.
+It keeps to the motion that the candidate has; another one is the matter of reachable/trace.py.
 """
 
 import math

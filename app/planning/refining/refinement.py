@@ -22,23 +22,11 @@ from app.planning.reachable.reachability import Reachability, reachability
 from app.planning.reachable.trace import trace
 from app.planning.refining.gauss_newton import EXACT, arrive, terminal_error_of
 from app.planning.refining.null_space import descend
-from app.planning.refining.repair import overwrite_best_window, switching_sequences
 from app.planning.refining.waiting import WAITING_ROLLOUTS, wait_at_the_end
 from app.planning.stop import NEVER, Flag, Stop
 
-NUM_RESTARTS = 32
-RESTART_STRETCHES = 8
-"""The switches of a restart lie at multiples of an eighth of the horizon."""
-WINDOWS = (16, 32, 64)
-"""Windows are moved by a 16th, a 32nd and at last a 64th of the horizon."""
-MAX_WINDOWS = 6
-"""Windows overwritten of each size."""
 AT_THE_FLOOR = 1e-9
 """A plan this near to the floor, m and m/s, is as good as one can be."""
-WINDOW_ROLLOUTS = sum(3 * windows * (windows + 1) // 2 for windows in WINDOWS)
-"""To try every window of each size once: three controls from every begin to every end."""
-WINDOW_SHARE = 3
-"""Such a rollout goes from the end of its window: over a third of the horizon, on the average."""
 PROGRAM_ROLLOUTS = 8
 """To follow a quadratic program of null_space.py, about: its steps are brought back to arrive."""
 
@@ -52,7 +40,7 @@ class Refinement(Options):
     num_refined: Annotated[int, Ge(1)] | None = None
     """How many candidates are refined, the best by terminal error; none means all of them."""
     repair: bool = True
-    """Where no candidate arrives by descent alone, try other motions: see `refine`."""
+    """Where no candidate arrives by descent alone, trace a plan that does: see `refine`."""
 
     def cost(self, num_candidates: int, objective: Objective = TERMINAL_ERROR) -> Cost:
         """Return an estimate of what `refine` takes where no candidate arrives, in whole rollouts.
@@ -63,7 +51,7 @@ class Refinement(Options):
         num_refined = min(self.num_refined or num_candidates, num_candidates)
         rollouts = num_candidates + self.iterations * num_refined
         if self.repair:
-            rollouts += self.iterations * NUM_RESTARTS + WINDOW_ROLLOUTS // WINDOW_SHARE
+            rollouts += self.iterations
         if objective.sum_of_squares:
             rollouts += PROGRAM_ROLLOUTS * self.iterations * num_refined
         elif objective is STUCK_STEPS:
@@ -82,7 +70,7 @@ class Refined:
     errors: FloatArray
     """(K,), terminal errors of `controls`: none above the one before, give or take 1e-12."""
     replaced: BoolArray
-    """(K,), whether a repair overwrote the candidate's own motion."""
+    """(K,), whether a traced plan took the candidate's place."""
     rollouts: int
     """Rollouts spent, of the whole horizon or a part of it."""
 
@@ -102,13 +90,10 @@ def refine(
     arrive ends the refinement.
 
     Descent keeps the motion that a candidate has, and stalls where that is the wrong one: nothing
-    moves, the mass stops too early or leaves in the wrong direction. If none has arrived, `repair`
-    descends from the sequences of three stretches that end nearest to the target (accelerate,
-    coast, brake) and puts the best of them in the place of the worst refined candidate; then it
-    overwrites windows of the best one with full or no control as long as that helps. Where that
-    does not arrive either, a plan is traced back through the reachable set (reachable/trace.py): it
-    ends on the floor, wherever that is exact. Every change is kept only where the true rollout
-    improves.
+    moves, the mass stops too early or leaves in the wrong direction. If none has come to the floor,
+    `repair` traces a plan back through the reachable set (reachable/trace.py), which is on the
+    floor wherever that is exact, and puts it in the place of the worst refined candidate. Every
+    change is kept only where the true rollout improves.
 
     With an objective that is a sum of squares the candidates that arrive equally well then descend
     it without leaving their terminal states (null_space.py), so that each is locally the least of
@@ -137,8 +122,6 @@ def refine(
         refined, scores, task, iterations, num_refined, one_is_enough, stop.flag
     )
     if options.repair and scores.errors.min() > EXACT:
-        rollouts += _repair(refined, scores, chosen, task, iterations, stop.flag)
-    if options.repair and scores.errors.min() > EXACT:
         bound = (measure or (lambda: reachability(problem, stop)))()
         if scores.errors.min() > bound.floor + AT_THE_FLOOR:
             traced = trace(problem, bound, stop)
@@ -164,7 +147,7 @@ class Scores(NamedTuple):
     errors: FloatArray
     """Terminal errors."""
     replaced: BoolArray
-    """Whether a repair overwrote the candidate's own motion."""
+    """Whether a traced plan took the candidate's place."""
 
 
 @compiled
@@ -197,26 +180,6 @@ def _descend(
 
 
 @compiled
-def _repair(
-    controls: FloatArray,
-    scores: Scores,
-    chosen: IntArray,
-    task: Task,
-    iterations: int,
-    stopped: Flag,
-) -> int:
-    """Try other motions in the place of the `chosen` candidates; return the rollouts."""
-    errors, replaced = scores.errors, scores.replaced
-    restart, error, rollouts = _restart(controls.shape[1], task, iterations, stopped)
-    _take_over(controls, scores, chosen, restart, error)
-    best = chosen[np.argmin(errors[chosen])]
-    error, spent = _overwrite_windows(controls[best], errors[best], task, iterations, stopped)
-    if error < errors[best]:
-        errors[best], replaced[best] = error, True
-    return rollouts + spent
-
-
-@compiled
 def _take_over(
     controls: FloatArray, scores: Scores, chosen: IntArray, other: FloatArray, error: float
 ) -> None:
@@ -226,46 +189,3 @@ def _take_over(
     if error < errors[worst]:
         copy_into(controls[worst], other)
         errors[worst], replaced[worst] = error, True
-
-
-@compiled
-def _restart(
-    horizon: int, task: Task, iterations: int, stopped: Flag
-) -> tuple[FloatArray, float, int]:
-    """Return the best descent from a sequence of three stretches, its error and the rollouts."""
-    stride = -(-horizon // RESTART_STRETCHES)
-    starts, rollouts = switching_sequences(task, horizon, stride, NUM_RESTARTS)
-    best, best_error = 0, np.inf
-    for i in range(len(starts)):
-        error, spent = arrive(starts[i], task, iterations, stopped)
-        rollouts += spent
-        if error < best_error:
-            best, best_error = i, error
-        if best_error <= EXACT or stopped[0]:
-            break
-    return starts[best], best_error, rollouts
-
-
-@compiled
-def _overwrite_windows(
-    controls: FloatArray, error: float, task: Task, iterations: int, stopped: Flag
-) -> tuple[float, int]:
-    """Overwrite windows of `controls` (H,) and descend, from the coarsest to the finest.
-
-    Returns:
-        What is left of the `error`, and the rollouts.
-    """
-    rollouts = 0
-    for windows in WINDOWS:
-        stride = -(-controls.size // windows)
-        for _ in range(MAX_WINDOWS):
-            if error <= EXACT or stopped[0]:
-                return error, rollouts
-            before = error
-            error, spent = overwrite_best_window(controls, task, stride)
-            rollouts += spent
-            if error == before:
-                break
-            error, spent = arrive(controls, task, iterations, stopped)
-            rollouts += spent
-    return error, rollouts

@@ -89,7 +89,7 @@ def thinned(line: FloatArray, tolerance: float) -> FloatArray:
         if along > 0.0:
             rise = line[i, 1] - line[anchor, 1]
             slope = rise / along
-            fits = i - anchor == 1 or low <= slope <= high
+            fits = i - anchor == 1 or (line[i, 0] > line[i - 1, 0] and low <= slope <= high)
         else:
             fits = i - anchor == 1
         if not fits:

@@ -326,7 +326,13 @@ def join(pieces: Pieces, piece: Piece, gap: float) -> None:
 @compiled
 def union_of_intervals(intervals: list[tuple[float, float]]) -> FloatArray:
     """Return the union of intervals as disjoint ones (R, 2), in order."""
-    intervals.sort()
+    # By insertion: they are few and nearly in order, and list.sort() takes seconds to compile.
+    for i in range(1, len(intervals)):
+        interval, j = intervals[i], i
+        while j > 0 and intervals[j - 1][0] > interval[0]:
+            intervals[j] = intervals[j - 1]
+            j -= 1
+        intervals[j] = interval
     union = np.empty((len(intervals), 2))
     m = 0
     for low, high in intervals:

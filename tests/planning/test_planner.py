@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,11 +19,11 @@ from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, TOLERANCE, Objec
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.rollout import rollout
-from app.planning.plant.system import System
+from app.planning.plant.system import ByDirection, ControlLimits, System
 from app.planning.problem import Cost, PlanningError, Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
-from tests.planning.fakes import LEARNED, Fixed, every_method
+from tests.planning.fakes import EVERY_METHOD, LEARNED, Fixed, every_method
 
 SYSTEM = System()
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
@@ -330,3 +331,54 @@ def test_with_no_objective_refinement_ends_further_off_than_it_began(objective: 
 
     assert effect is not None
     assert effect.error_after <= effect.error_before + 1e-12
+
+
+@pytest.mark.parametrize(
+    "method", (each for each in EVERY_METHOD if each is not LEARNED), ids=lambda method: method.name
+)
+@pytest.mark.parametrize("objective", OBJECTIVES.values(), ids=OBJECTIVES)
+@pytest.mark.parametrize("refinement", [None, Refinement()], ids=["unrefined", "refined"])
+def test_other_units_of_control_give_the_same_motion(
+    method: Method, objective: Objective, refinement: Refinement | None
+) -> None:
+    system = System(
+        ByDirection(0.7, 0.5), ByDirection(0.6, 0.4), bias=0.1, control_limit=ControlLimits(-0.8, 1)
+    )
+    # A power of two, with which no digit is lost.
+    volts = replace(system, control_gain=1 / 16, control_limit=ControlLimits(-16 * 0.8, 16))
+    recipe = Recipe(method, 8, refinement, objective)
+    for target in ((0.3, 0.0), (-0.2, 0.1)):
+        usual, other = (
+            planned(recipe, Problem(np.array([0.1, -0.1]), np.array(target), which))
+            for which in (system, volts)
+        )
+        np.testing.assert_array_equal(other.controls, 16 * usual.controls)
+        np.testing.assert_array_equal(other.states, usual.states)
+
+
+@given(
+    factor=st.sampled_from([1e-3, 0.1, 3.0, 1e3]),
+    position=st.floats(-0.8, 0.8),
+    velocity=st.just(0.0) | st.floats(-0.3, 0.3),
+)
+def test_other_units_of_length_give_the_same_floor_and_a_plan_that_arrives(
+    factor: float, position: float, velocity: float
+) -> None:
+    recipe = Recipe(DatasetPrior(), 8, Refinement(), reachability=True)
+    scaled_system = System(
+        0.7 * factor,
+        0.6 * factor,
+        control_limit=0.9 * factor,
+        velocity_threshold=1e-3 * factor,
+    )
+    start, target = np.array([0.1, -0.1]), np.array([position, velocity])
+
+    usual = planned(recipe, Problem(start, target))
+    scaled = planned(recipe, Problem(factor * start, factor * target, scaled_system))
+
+    assert usual.reachability
+    assert scaled.reachability
+    assert scaled.reachability.floor == pytest.approx(
+        factor * usual.reachability.floor, abs=1e-8 * max(1.0, factor)
+    )
+    assert scaled.gap == pytest.approx(0.0, abs=1e-6 * max(1.0, factor))

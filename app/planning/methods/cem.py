@@ -23,6 +23,7 @@ class Gaussian(NamedTuple):
     """(H,)."""
     std: FloatArray
     """(H,)."""
+    least_std: float
     num_candidates: int
     """How many are drawn from it."""
 
@@ -41,14 +42,14 @@ class CEM(Optimiser[Gaussian]):
     Wide enough that half of the first controls are clipped to the limit: narrower ones seldom
     break away, and end worse at every K."""
     min_std: Annotated[float, Ge(0)] = 1e-3
-    """Floor of the refitted standard deviation, in units of control."""
+    """Floor of the refitted standard deviation, m/s^2."""
 
     def rounds(self) -> int:
         return self.iterations
 
     def begin(self, problem: Problem, num_candidates: int, first: FloatArray | None) -> Gaussian:
         std = spread(problem, self.initial_std)
-        return Gaussian(np.zeros(problem.horizon), std, num_candidates)
+        return Gaussian(np.zeros(problem.horizon), std, self._least_std(problem), num_candidates)
 
     def draw(
         self, state: Gaussian, iteration: int, problem: Problem, rng: np.random.Generator
@@ -58,8 +59,8 @@ class CEM(Optimiser[Gaussian]):
 
     def learn(self, state: Gaussian, population: Scored) -> Gaussian:
         elites = population.best(self._num_elites(len(population.errors))).controls
-        std = np.maximum(elites.std(axis=0), self.min_std)
-        return Gaussian(elites.mean(axis=0), std, state.num_candidates)
+        std = np.maximum(elites.std(axis=0), state.least_std)
+        return state._replace(mean=elites.mean(axis=0), std=std)
 
     def candidates(self, best: Scored, last: Scored) -> FloatArray:
         """Return the last population, its worst sequence replaced by a better one of before."""
@@ -86,7 +87,7 @@ class CEM(Optimiser[Gaussian]):
             self.iterations,
             self._num_elites(num_candidates),
             spread(problem, self.initial_std),
-            float(self.min_std),
+            self._least_std(problem),
             stop.flag,
         )
         stop.check()
@@ -95,6 +96,10 @@ class CEM(Optimiser[Gaussian]):
     def cost(self, num_candidates: int) -> Cost:
         """One rollout for each candidate of each iteration."""
         return Cost(rollouts=self.iterations * num_candidates)
+
+    def _least_std(self, problem: Problem) -> float:
+        """Return the floor of the standard deviation, in units of control."""
+        return float(self.min_std / problem.system.control_gain)
 
     def _num_elites(self, num_candidates: int) -> int:
         return min(num_candidates, max(2, int(self.elite_fraction * num_candidates)))
@@ -109,7 +114,7 @@ def _optimise(
     iterations: int,
     num_elites: int,
     std: FloatArray,
-    min_std: float,
+    least_std: float,
     stopped: Flag,
 ) -> FloatArray:
     """Return the last population; `population` (K, H) is overwritten, and may be the first one."""
@@ -137,7 +142,7 @@ def _optimise(
             best_error = errors[order[0]]
             copy_into(best, population[order[0]])
         if iteration + 1 < iterations:
-            _refit(population, order[:num_elites], mean, std, min_std)
+            _refit(population, order[:num_elites], mean, std, least_std)
     if best_error < errors[order[0]]:
         copy_into(population[order[-1]], best)
     return population
@@ -145,9 +150,9 @@ def _optimise(
 
 @compiled
 def _refit(
-    population: FloatArray, elites: IntArray, mean: FloatArray, std: FloatArray, min_std: float
+    population: FloatArray, elites: IntArray, mean: FloatArray, std: FloatArray, least_std: float
 ) -> None:
-    """Set `mean` and `std` (H,) to those of the elites, the latter no smaller than `min_std`."""
+    """Set `mean` and `std` (H,) to those of the elites, the latter no smaller than `least_std`."""
     for k in range(mean.size):
         total = 0.0
         for elite in elites:
@@ -156,4 +161,4 @@ def _refit(
         squares = 0.0
         for elite in elites:
             squares += (population[elite, k] - mean[k]) ** 2
-        std[k] = max(min_std, math.sqrt(squares / elites.size))
+        std[k] = max(least_std, math.sqrt(squares / elites.size))

@@ -334,7 +334,7 @@ def test_with_no_objective_refinement_ends_further_off_than_it_began(objective: 
 
 
 @pytest.mark.parametrize(
-    "method", (each for each in EVERY_METHOD if each is not LEARNED), ids=lambda method: method.name
+    "method", [each for each in EVERY_METHOD if each is not LEARNED], ids=lambda method: method.name
 )
 @pytest.mark.parametrize("objective", OBJECTIVES.values(), ids=OBJECTIVES)
 @pytest.mark.parametrize("refinement", [None, Refinement()], ids=["unrefined", "refined"])

@@ -9,8 +9,8 @@ from app.planning.plant.system import ByDirection, ControlLimits
 
 WIDTH = 100
 COLUMNS = (
-    *("f_s\nm/s²", "f_c\nm/s²", "b\n1/s", "v_s\nm/s", "bias\nm/s²", "gain\nm/s²/unit"),
-    *("u_max\nunits", "unit of\ncontrol", "delay\nsteps", "dt\ns"),
+    *("f_s\nm/s²", "f_c\nm/s²", "b\n1/s", "v_s\nm/s", "bias\nm/s²", "gain\nm/s²"),
+    *("u_max", "delay\nsteps", "dt\ns"),
 )
 
 
@@ -20,7 +20,7 @@ def print_machines() -> None:
     console = Console(width=WIDTH, highlight=False)
     table = Table(
         Column("machine", no_wrap=True, vertical="bottom"),
-        *(Column(heading, justify="right", no_wrap=True) for heading in COLUMNS),
+        *(Column(heading, justify="right", vertical="bottom", no_wrap=True) for heading in COLUMNS),
         box=SIMPLE,
         show_edge=False,
         padding=(0, 1, 0, 0),
@@ -35,13 +35,12 @@ def print_machines() -> None:
             "-" if system.stribeck_velocity is None else f"{system.stribeck_velocity:g}",
             f"{system.bias:g}",
             f"{system.control_gain:g}",
-            _limit(system.control_limit),
-            machine.control_unit,
+            f"{_limit(system.control_limit)} {machine.control_unit}",
             f"{machine.delay_steps}",
             f"{system.time_step:g}",
         )
     console.print(table)
-    console.print("\nWhere there are two numbers, friction is forward/backward.")
+    console.print("\nTwo numbers are friction forward/backward; gain is for each unit of control.")
     for machine in MACHINES.values():
         unit = "" if machine.position_unit == "m" else f" In {machine.position_unit} for m."
         console.print(f"\n{machine.name}: {machine.title}.{unit} {machine.source}")

@@ -36,7 +36,7 @@ def state_after(controls: ArrayLike, initial_state: FloatArray, system: System) 
     With the controls that are on their way to the actuator, it is where a plan starts.
     """
     sequence = np.asarray(controls, dtype=np.float64)
-    return rollout(system, initial_state, sequence[np.newaxis])[0, -1]
+    return as_state(rollout(system, initial_state, sequence[np.newaxis])[0, -1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
-from typing import Any, NamedTuple, TypeAlias
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple, TypeAlias, get_args, get_type_hints
 
 from app.planning.plant.system import ByDirection, ControlLimits, System
 from app.planning.refining.refinement import Refinement
@@ -23,6 +23,20 @@ OBJECTS = {
     },
 }
 """What stands for a dataclass, where that is not just an object."""
+UNIONS = {
+    name
+    for name, hint in get_type_hints(System).items()
+    if any(is_dataclass(member) for member in get_args(hint))
+}
+"""Fields that may be a number or an object."""
+IN_WORDS = {
+    "union_tag_not_found": "the method's name is missing",
+    "model_attributes_type": "must be an object, or the name of a method",
+    "model_type": "must be an object",
+    "list_type": "must be an array",
+    "tuple_type": "must be an array",
+}
+"""Errors that Pydantic tells in Python's words."""
 
 
 class _Fault(NamedTuple):
@@ -76,8 +90,8 @@ def field_errors(errors: Iterable[Mapping[str, Any]], body: Any) -> list[FieldEr
 def _fault(item: Mapping[str, Any], body: Any) -> _Fault:
     """Tell the keys of an error's location within `body` from the names of unions' members.
 
-    Pydantic puts the name of a union's member among the keys; a name is a key that the body lacks,
-    as it lacks a missing field, which stands last.
+    Pydantic puts the name of a union's member among the keys. After one of `UNIONS` it always does;
+    elsewhere a name is a key that the body lacks, as it lacks a missing field, which stands last.
     """
     location = item["loc"]
     keys: list[int | str] = []
@@ -85,6 +99,9 @@ def _fault(item: Mapping[str, Any], body: Any) -> _Fault:
     value = body
     for index, key in enumerate(location):
         is_missing = item["type"] == "missing" and index == len(location) - 1
+        if keys and keys[-1] in UNIONS and tuple(keys) not in members:
+            members[tuple(keys)] = key
+            continue
         if isinstance(value, dict) and (key in value or is_missing):
             value = value.get(key)
         elif isinstance(value, list) and isinstance(key, int):
@@ -106,17 +123,9 @@ def _detail(item: Mapping[str, Any]) -> str:
         case "union_tag_invalid":
             context = item["ctx"]
             return f"no method {context['tag']!r}; there are: {context['expected_tags']}"
-        case "union_tag_not_found":
-            return "the method's name is missing"
-        case "model_attributes_type":
-            return "must be an object, or the name of a method"
-        case "model_type":
-            return "must be an object"
         case "dataclass_type":
             return f"must be {_taken(item)}"
-        case "list_type" | "tuple_type":
-            return "must be an array"
-    return str(item["msg"]).removeprefix("Value error, ")
+    return IN_WORDS.get(item["type"], str(item["msg"]).removeprefix("Value error, "))
 
 
 def _taken(item: Mapping[str, Any]) -> str:

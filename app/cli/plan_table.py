@@ -10,7 +10,7 @@ from rich.table import Table
 from app.wire.answers import CostReport, MultistepPlanResponse, PlanResponse, Segment, TimingReport
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
-HEADING_WIDTH = 10
+HEADING_WIDTH = 8
 """Of a unit in the heading of a column, in characters."""
 
 
@@ -68,6 +68,7 @@ def _new_table(show_header: bool) -> Table:
 
 
 def _measures(segment: Segment, control_unit: str) -> list[Measure]:
+    squared = f"({control_unit})²" if "/" in control_unit else f"{control_unit}²"
     measures = [Measure("terminal error", f"{segment.terminal_error:.6f}")]
     if segment.reachability is not None:
         measures.append(Measure("floor", f"{segment.reachability.floor:.6f}"))
@@ -77,8 +78,8 @@ def _measures(segment: Segment, control_unit: str) -> list[Measure]:
         measures.append(Measure("gap", f"{segment.gap:.1e}"))
     return [
         *measures,
-        Measure("control energy", f"{segment.control_energy:.3f}", f"({control_unit})²"),
-        Measure("control smoothness", f"{segment.control_smoothness:.3f}", f"({control_unit})²"),
+        Measure("control energy", f"{segment.control_energy:.3f}", squared),
+        Measure("control smoothness", f"{segment.control_smoothness:.3f}", squared),
         Measure("stuck steps", f"{segment.stuck_steps}"),
     ]
 

@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,10 @@ from app.evaluation.entrants import ENTRANTS
 from app.evaluation.run import evaluate
 from app.evaluation.suites import SUITES
 from app.planning.methods import METHODS
+from app.planning.plant.system import System
 from app.settings import SHIPPED_MODELS, Settings
 from app.wire.answers import PlanResponse
+from tests.cli.command import invoke
 from tests.served import serving, wait_until_ready
 
 REPORT = SHIPPED_MODELS / "dry-friction-fs0.7" / "1" / "evaluation"
@@ -55,6 +58,21 @@ def test_the_request_shown_gets_the_answer_shown() -> None:
         assert answer[field] == shown[field]
     # The network's last bits differ between processors, and the plan with them.
     assert answer["terminal_error"] == pytest.approx(shown["terminal_error"], abs=5e-3)
+
+
+def test_the_machines_shown_are_planned_for() -> None:
+    (command,) = re.findall(r"breakaway (plan .*--system .*)", README)
+    (system,) = re.findall(r"`(\{\"static_friction.*?)`", README, re.DOTALL)
+    for option in ((), ("--system", system)):
+        done = invoke(*command.split(), *option, "--json", "-")
+        assert done.exit_code == 0, done.stderr
+        assert PlanResponse.model_validate_json(done.stdout).terminal_error < 1e-6
+
+
+def test_every_parameter_of_a_plant_is_in_its_table() -> None:
+    table = (ROOT / "app" / "api" / "README.md").read_text()
+    for parameter in fields(System):
+        assert f"`{parameter.name}`" in table
 
 
 def test_every_method_is_in_the_table() -> None:

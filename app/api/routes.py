@@ -27,14 +27,21 @@ from app.wire.about import (
     Health,
     Info,
     Limits,
+    MachineDescription,
     MethodDescription,
     ModelDescription,
+    describe_machines,
     describe_methods,
 )
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.model import build_checks
 from app.wire.problems import ProblemDetails
-from app.wire.requests import MAX_TARGETS, MultistepPlanRequest, PlanRequest
+from app.wire.requests import (
+    MAX_PENDING_CONTROLS,
+    MAX_TARGETS,
+    MultistepPlanRequest,
+    PlanRequest,
+)
 
 build_checks()
 router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
@@ -175,7 +182,13 @@ async def models(service: ServiceDependency) -> list[ModelDescription]:
     return [_describe(model) for model in service.models.models]
 
 
-@router.get("/info", tags=["about"])
+@router.get("/machines", response_model_exclude_none=True, tags=["about"])
+async def machines() -> list[MachineDescription]:
+    """List the machines that may be planned for by name."""
+    return describe_machines()
+
+
+@router.get("/info", response_model_exclude_none=True, tags=["about"])
 async def info(runtime: RuntimeDependency) -> Info:
     """Say what runs here, and what it allows."""
     limits = runtime.settings.model_dump(include=set(Limits.model_fields))
@@ -192,7 +205,7 @@ async def info(runtime: RuntimeDependency) -> Info:
             "numba": numba.__version__,
         },
         nominal_system=System(),
-        limits=Limits(max_targets=MAX_TARGETS, **limits),
+        limits=Limits(max_targets=MAX_TARGETS, max_pending_controls=MAX_PENDING_CONTROLS, **limits),
     )
 
 

@@ -7,12 +7,18 @@ from app.settings_options import read_settings
 
 
 @click.command()
-def models() -> None:
+@click.option("--machines", is_flag=True, help="List the machines that have a name, instead.")
+def models(machines: bool) -> None:
     """List the models of the store.
 
     Each is checked against its manifest. The store is the one that is shipped, or
     BREAKAWAY_MODEL_STORE.
     """
+    if machines:
+        from app.cli.machines_table import print_machines
+
+        print_machines()
+        return
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Column, Table

@@ -40,6 +40,12 @@ FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
     "[default: action_diffusion]",
 )
 @click.option(
+    "--system",
+    metavar="NAME|JSON",
+    help="A machine's name (see breakaway models --machines), or an object with the plant's "
+    "parameters.  [default: the paper's plant]",
+)
+@click.option(
     "--num-candidates",
     type=int,
     help="K: candidates that are rolled out and ranked.  [default: 16]",
@@ -75,10 +81,12 @@ def plan(
     """Make one plan, without a server, and print its measures.
 
     What to plan is said by a file (--request), by options with the names of its fields, or by
-    both: an option overrides what the file says, and --target-state its targets, too.
+    both: an option overrides what the file says, and --target-state its targets, too. Controls that
+    are on their way to the actuator already (pending_controls) come from a file.
 
     \b
     breakaway plan --target-state 0.2 0 --refine
+    breakaway plan --target-state 0.01 0 --system emps --method dataset_prior --refine
     breakaway plan --request request.json --seed 7 --json plan.json
     """
     from rich.console import Console

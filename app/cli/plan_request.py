@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 AT_REST = (0.0, 0.0)
+NAME_OR_OBJECT = {"method", "system"}
+"""Fields that are a name, or an object in JSON."""
 
 
 def read_request(
@@ -39,8 +41,8 @@ def read_request(
     if "target_state" in options:
         body.pop("targets", None)
     body |= options
-    if "method" in options:
-        body["method"] = _method(options["method"])
+    for field in NAME_OR_OBJECT & options.keys():
+        body[field] = _name_or_object(field, options[field])
     try:
         if "targets" in body:
             return MultistepPlanRequest.model_validate(body)
@@ -70,11 +72,11 @@ def _read_body(file: BinaryIO) -> dict[str, Any]:
     return body
 
 
-def _method(text: str) -> Any:
-    """Return a method as requests have it: its name, or an object with its name and options."""
+def _name_or_object(field: str, text: str) -> Any:
+    """Return a method or system as requests have it: its name, or an object."""
     if not text.startswith("{"):
         return text
-    return _parse(os.fsencode(text), {"method": text}, "/method")
+    return _parse(os.fsencode(text), {field: text}, f"/{field}")
 
 
 def _parse(text: bytes, options: Mapping[str, Any], within: str = "") -> Any:

@@ -1,5 +1,6 @@
 """What `breakaway plan` prints: the measures of a plan; of several targets, a row for each."""
 
+from textwrap import wrap
 from typing import NamedTuple
 
 from rich.box import SIMPLE
@@ -8,6 +9,9 @@ from rich.table import Table
 
 from app.wire.answers import CostReport, MultistepPlanResponse, PlanResponse, Segment, TimingReport
 from app.wire.requests import MultistepPlanRequest, PlanRequest
+
+HEADING_WIDTH = 8
+"""Of a unit in the heading of a column, in characters."""
 
 
 class Measure(NamedTuple):
@@ -32,7 +36,7 @@ def print_plan(
         measures = _over_all_segments(answer)
     else:
         assert isinstance(answer, PlanResponse)
-        measures = _measures(answer)
+        measures = _measures(answer, answer.control_unit)
         if answer.refinement is not None:
             measures.append(Measure("error unrefined", f"{answer.refinement.error_before:.6f}"))
     table = _new_table(show_header=False)
@@ -44,11 +48,16 @@ def print_plan(
 def _by_segment(request: MultistepPlanRequest, answer: MultistepPlanResponse) -> Table:
     table = _new_table(show_header=True)
     table.add_column("target\n(m, m/s)", vertical="bottom", no_wrap=True)
-    for measure in _measures(answer.segments[0]):
-        heading = "\n".join([*measure.name.split(), measure.unit])
+    rows = [
+        {measure.name: measure for measure in _measures(segment, answer.control_unit)}
+        for segment in answer.segments
+    ]
+    # All that some row has, in the order of the longest.
+    for measure in max(rows, key=len).values():
+        heading = "\n".join([*measure.name.split(), *wrap(measure.unit, HEADING_WIDTH)])
         table.add_column(heading, justify="right", vertical="bottom")
-    for target, segment in zip(request.targets, answer.segments, strict=True):
-        texts = [measure.text for measure in _measures(segment)]
+    for target, row in zip(request.targets, rows, strict=True):
+        texts = [row[name].text if name in row else "0" for name in max(rows, key=len)]
         table.add_row("{:g}, {:g}".format(*target), *texts)
     return table
 
@@ -58,16 +67,19 @@ def _new_table(show_header: bool) -> Table:
     return Table(box=SIMPLE, show_edge=False, padding=(0, 1, 0, 0), show_header=show_header)
 
 
-def _measures(segment: Segment) -> list[Measure]:
+def _measures(segment: Segment, control_unit: str) -> list[Measure]:
+    squared = f"({control_unit})²" if "/" in control_unit else f"{control_unit}²"
     measures = [Measure("terminal error", f"{segment.terminal_error:.6f}")]
     if segment.reachability is not None:
         measures.append(Measure("floor", f"{segment.reachability.floor:.6f}"))
+        if segment.reachability.floor_error:
+            measures.append(Measure("floor error", f"{segment.reachability.floor_error:.1e}", "m"))
     if segment.gap is not None:
         measures.append(Measure("gap", f"{segment.gap:.1e}"))
     return [
         *measures,
-        Measure("control energy", f"{segment.control_energy:.3f}", "(m/s²)²"),
-        Measure("control smoothness", f"{segment.control_smoothness:.3f}", "(m/s²)²"),
+        Measure("control energy", f"{segment.control_energy:.3f}", squared),
+        Measure("control smoothness", f"{segment.control_smoothness:.3f}", squared),
         Measure("stuck steps", f"{segment.stuck_steps}"),
     ]
 

@@ -14,7 +14,7 @@ import httpx
 from httpx_retries import Retry, RetryTransport
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from app.wire.about import Health, Info, ModelDescription
+from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
@@ -26,6 +26,7 @@ MOST_RETRIES = 1000
 
 Answer = TypeVar("Answer", bound=BaseModel)
 MODELS = TypeAdapter(list[ModelDescription], config=ConfigDict(defer_build=True))
+MACHINES = TypeAdapter(list[MachineDescription], config=ConfigDict(defer_build=True))
 
 
 class RequestRefused(Exception):
@@ -79,6 +80,10 @@ class PlannerClient:
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
         return MODELS.validate_json(_accepted(self._http.get("/models")).content)
+
+    def machines(self) -> list[MachineDescription]:
+        """List the machines that requests may name; errors as for `plan`."""
+        return MACHINES.validate_json(_accepted(self._http.get("/machines")).content)
 
     def info(self) -> Info:
         """Ask what answers there; errors as for `plan`."""
@@ -139,6 +144,10 @@ class AsyncPlannerClient:
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
         return MODELS.validate_json(_accepted(await self._http.get("/models")).content)
+
+    async def machines(self) -> list[MachineDescription]:
+        """List the machines that requests may name; errors as for `PlannerClient.plan`."""
+        return MACHINES.validate_json(_accepted(await self._http.get("/machines")).content)
 
     async def info(self) -> Info:
         """Ask what answers there; errors as for `PlannerClient.plan`."""

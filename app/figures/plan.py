@@ -29,7 +29,8 @@ def draw_plan(request: PlanRequest, answer: PlanResponse) -> Figure:
     if answer.candidates is None:
         raise ValueError("a figure needs an answer that includes candidates")
     controls = np.array([*answer.candidates.controls, answer.controls])
-    states = rollout(answer.system, np.array(request.initial_state), controls)
+    start = answer.predicted_initial_state or request.initial_state
+    states = rollout(answer.system, np.array(start), controls)
     times = answer.system.time_step * np.arange(states.shape[1])
     num_candidates = len(answer.candidates.controls)
     opacity = max(0.06, min(0.5, 8 / num_candidates))
@@ -39,7 +40,7 @@ def draw_plan(request: PlanRequest, answer: PlanResponse) -> Figure:
     draw_stiction_band(control_axes, answer.system)
     draw_controls(control_axes, times, controls[:-1], BLUE, 0.6, opacity)
     draw_controls(control_axes, times, controls[-1:], RED, BOLD)
-    control_axes.set_ylabel("control (m/s²)")
+    control_axes.set_ylabel(f"control ({answer.control_unit})")
     for axes, index, label in (
         (position_axes, 0, "position (m)"),
         (velocity_axes, 1, "velocity (m/s)"),

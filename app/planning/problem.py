@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.planning.arrays import FloatArray
+from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 from app.planning.plant.task import Task
 
@@ -27,6 +28,15 @@ def as_state(value: ArrayLike) -> FloatArray:
     if state.shape != (2,) or not np.all(np.isfinite(state)):
         raise ValueError("a state is two finite numbers, position (m) and velocity (m/s)")
     return state
+
+
+def state_after(controls: ArrayLike, initial_state: FloatArray, system: System) -> FloatArray:
+    """Return the state (2,), in m and m/s, that `controls` (N,) lead to from `initial_state` (2,).
+
+    With the controls that are on their way to the actuator, it is where a plan starts.
+    """
+    sequence = np.asarray(controls, dtype=np.float64)
+    return as_state(rollout(system, initial_state, sequence[np.newaxis])[0, -1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ Plain blocking code: the routes plan in a thread, the command line calls it as i
 """
 
 import secrets
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
@@ -12,12 +12,20 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from app.inference.model_store import ModelStore, UnfitModel
+from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned, WarmStarted
 from app.planning.methods.base import LearnedProposal, Method, MethodOptions
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
-from app.planning.problem import DEFAULT_HORIZON, Cost, Problem, Timing, as_state
+from app.planning.problem import (
+    DEFAULT_HORIZON,
+    Cost,
+    Problem,
+    Timing,
+    as_state,
+    state_after,
+)
 from app.planning.recipe import Recipe
 from app.serving.admission import Work
 from app.serving.json_parts import json_parts
@@ -68,7 +76,8 @@ class PlanningService:
         Raises:
             UnknownModel: it names a model that is not there.
             UnfitModel: the method needs a model, and none (or not the named one) covers the plant.
-            InvalidField: it is larger than the settings allow.
+            InvalidField: it is larger than the settings allow, or a pending control exceeds the
+                plant's limits.
         """
         num_targets = len(request.targets) if isinstance(request, MultistepPlanRequest) else 1
         named = self.models.find(request.model) if request.model else None
@@ -77,6 +86,7 @@ class PlanningService:
         recipe = request.recipe()
         cost = recipe.cost()
         self._check_limits(request, cost, horizon, num_targets)
+        _check_pending(request.pending_controls, system)
         model = None
         if cost.network_evaluations:
             model = named or self.models.covering(system, horizon)
@@ -222,8 +232,15 @@ class ResolvedRequest(Generic[R]):
 
     def problem(self, target: State) -> Problem:
         """Return the problem of getting from the initial state to `target`."""
-        start = as_state(self.request.initial_state)
-        return Problem(start, as_state(target), self.system, self.horizon)
+        return Problem(self.start(), as_state(target), self.system, self.horizon)
+
+    def start(self) -> FloatArray:
+        """Return the state (2,) from which to plan: the one that the pending controls lead to.
+
+        They are few time steps beside those of any plan, and are not counted as work.
+        """
+        initial_state = as_state(self.request.initial_state)
+        return state_after(self.request.pending_controls, initial_state, self.system)
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of an answer that say where it comes from."""
@@ -237,8 +254,20 @@ class ResolvedRequest(Generic[R]):
             "method": self.recipe.method.name,
             "model": reference,
             "seed": self.seed,
-            "system": self.system,
+            "system": asdict(self.system),
+            "predicted_initial_state": self.start() if self.request.pending_controls else None,
         }
+
+
+def _check_pending(controls: Sequence[float], system: System) -> None:
+    """Refuse controls that the plant cannot have been given."""
+    lowest, highest = system.plant.lowest_control, system.plant.highest_control
+    for index, control in enumerate(controls):
+        if not lowest <= control <= highest:
+            raise InvalidField(
+                f"/pending_controls/{index}",
+                f"{control:g} is beyond the plant's limits, {lowest:g} to {highest:g}",
+            )
 
 
 def _kind(recipe: Recipe[MethodOptions]) -> str:

@@ -2,9 +2,10 @@
 
 from typing import Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import ConfigDict, Field, TypeAdapter
 
 from app.planning.methods import METHODS
+from app.planning.plant.machines import MACHINES
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.wire.model import WireModel
@@ -34,12 +35,31 @@ class MethodDescription(WireModel):
     options: dict[str, Any] = Field(description="JSON schema of the method's object form.")
 
 
+class MachineDescription(WireModel):
+    """A real machine that may be planned for by its name."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    name: str = Field(description="What `system` may be in a request.")
+    title: str
+    system: System
+    position_unit: str = Field(description="Where it is rad, m is read as rad everywhere.")
+    control_unit: str = Field(description="The machine's unit of control.")
+    delay_steps: int = Field(
+        description="Time steps that a control takes to the actuator: so many `pending_controls`."
+    )
+    source: str = Field(
+        description="Who published the parameters, and what was assumed beside them."
+    )
+
+
 class Limits(WireModel):
     """The largest requests that this service takes."""
 
     max_body_bytes: int
     max_candidates: int
     max_targets: int
+    max_pending_controls: int
     max_horizon: int
     max_network_rows: int
     max_rollout_steps: int
@@ -69,6 +89,11 @@ class Health(WireModel):
     """A probe's answer."""
 
     status: Literal["alive", "ready"]
+
+
+def describe_machines() -> list[MachineDescription]:
+    """Describe every machine that a request may name."""
+    return [MachineDescription.model_validate(machine) for machine in MACHINES.values()]
 
 
 def describe_methods() -> list[MethodDescription]:

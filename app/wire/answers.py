@@ -33,6 +33,9 @@ class ReachabilityReport(WireModel):
 
     reachable: bool = Field(description="Whether the floor is zero, to within rounding.")
     floor: float = Field(description="Least terminal error over all admissible controls.")
+    floor_error: float = Field(
+        0.0, description="How far the floor may be off, m: 0 where it is exact."
+    )
     nearest_state: tuple[float, float] = Field(description="A state at that distance.")
     minimum_steps: int | None = Field(
         None, description="Fewest steps in which the target can be reached; absent if it cannot."
@@ -83,8 +86,8 @@ class Segment(WireModel):
     )
     reachability: ReachabilityReport | None = None
     refinement: RefinementReport | None = Field(None, description="Absent without `refine`.")
-    control_energy: float = Field(description="sum of u_k^2.")
-    control_smoothness: float = Field(description="sum of (u_{k+1} - u_k)^2.")
+    control_energy: float = Field(description="sum of u_k^2, (units of control)^2.")
+    control_smoothness: float = Field(description="sum of (u_{k+1} - u_k)^2, (units of control)^2.")
     stuck_steps: int = Field(
         description="Steps at rest, below the threshold of static friction and off the target."
     )
@@ -98,6 +101,16 @@ class _Provenance(WireModel):
     model: ModelReference | None = Field(None, description="Absent for methods that need no model.")
     seed: int
     system: System = Field(description="The plant that was planned for.")
+    predicted_initial_state: tuple[float, float] | None = Field(
+        None,
+        description="Where the plan starts, position (m) and velocity (m/s): the state that the "
+        "pending controls lead to. Absent without them.",
+    )
+
+    @property
+    def control_unit(self) -> str:
+        """The unit of control, as far as the plant itself says it."""
+        return "m/s²" if self.system.control_gain == 1 else "units of control"
 
 
 class PlanResponse(Segment, _Provenance):

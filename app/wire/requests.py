@@ -1,6 +1,6 @@
 """Requests: what a service is asked for."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
     BeforeValidator,
@@ -11,11 +11,13 @@ from pydantic import (
     WithJsonSchema,
     field_validator,
 )
+from typing_extensions import TypeAliasType
 
 from app.planning.methods import METHODS, OPTIMISERS, ActionDiffusion, AnyMethod, WarmStarted
 from app.planning.methods.base import MethodOptions
 from app.planning.methods.optimiser import Optimiser
 from app.planning.objectives import OBJECTIVES, ObjectiveName
+from app.planning.plant.machines import MACHINES
 from app.planning.plant.system import LARGEST, System
 from app.planning.problem import DEFAULT_HORIZON
 from app.planning.recipe import Recipe
@@ -23,6 +25,7 @@ from app.planning.refining.refinement import Refinement
 from app.wire.model import WireModel
 
 MAX_TARGETS = 64
+MAX_PENDING_CONTROLS = 1024
 MAX_SEED = 2**53 - 1
 """The largest integer that every JSON reader keeps exactly."""
 
@@ -36,9 +39,15 @@ State = Annotated[
     Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
 ]
 Inclusion: TypeAlias = Literal["states", "candidates"]
-MethodName = Annotated[
-    str, WithJsonSchema({"enum": [method().name for method in METHODS], "type": "string"})
-]
+MethodName = TypeAliasType(
+    "MethodName",
+    Annotated[
+        str, WithJsonSchema({"enum": [method().name for method in METHODS], "type": "string"})
+    ],
+)
+MachineName = TypeAliasType(
+    "MachineName", Annotated[str, WithJsonSchema({"enum": list(MACHINES), "type": "string"})]
+)
 TaggedMethod = Annotated[AnyMethod, Field(discriminator="name")]
 MethodField = Annotated[
     TaggedMethod,
@@ -48,6 +57,19 @@ MethodField = Annotated[
     ),
     Field(description="A method's name, or an object with its name and options (see /methods)."),
 ]
+
+
+def _machine_by_name(value: Any) -> Any:
+    """Return the plant of the machine that a string names.
+
+    Raises:
+        ValueError: there is no such machine.
+    """
+    if not isinstance(value, str):
+        return value
+    if value not in MACHINES:
+        raise ValueError(f"no machine {value!r}; there are: {', '.join(map(repr, MACHINES))}")
+    return MACHINES[value].system
 
 
 class _Asked(WireModel):
@@ -63,7 +85,18 @@ class Initial(_Asked):
 
 
 class _Request(_Asked):
-    initial_state: State = Field(examples=[[0.0, 0.0]])
+    initial_state: State = Field(
+        description="Position (m) and velocity (m/s) now: before the pending controls, if there "
+        "are any.",
+        examples=[[0.0, 0.0]],
+    )
+    pending_controls: Annotated[list[Number], ARRAY] = Field(
+        [],
+        description="Controls that are on their way to the actuator already, oldest first, in "
+        "units of control and within the plant's limits, a time step each. The plan starts from "
+        "the state that they lead to.",
+        max_length=MAX_PENDING_CONTROLS,
+    )
     method: MethodField = Field(
         default_factory=ActionDiffusion,
         # By its name: generators of clients know no default that is an object.
@@ -75,8 +108,13 @@ class _Request(_Asked):
     seed: Annotated[int, Field(ge=0, le=MAX_SEED)] | None = Field(
         None, description="Decides every random draw; without one the answer says which was drawn."
     )
-    system: System | None = Field(
-        None, description="The plant, where it is not the nominal one (or the named model's)."
+    system: Annotated[
+        System | None,
+        BeforeValidator(_machine_by_name, json_schema_input_type=MachineName | System | None),
+    ] = Field(
+        None,
+        description="The plant, where it is not the nominal one (or the named model's): its "
+        "parameters, or the name of a machine (see /machines).",
     )
     horizon: Annotated[int, Field(ge=1)] | None = Field(
         None, description=f"H, time steps; {DEFAULT_HORIZON} or the named model's by default."

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import httpx
 
+from app.planning.plant.machines import MACHINES
 from app.settings import Settings
 from app.wire.requests import PlanRequest
 from tests.served import serving, wait_until_ready
@@ -69,6 +70,32 @@ def test_every_method_listed_can_be_asked_for_by_name_and_by_default_options(
         for asked in (method["name"], defaults):
             body = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": asked}
             assert client.post("/plan", json=body | {"num_candidates": 2}).status_code == 200
+
+
+def test_the_machines_are_listed_and_can_be_planned_for(client: httpx.Client) -> None:
+    machines = client.get("/machines").json()
+    assert [machine["name"] for machine in machines] == list(MACHINES)
+    for machine in machines:
+        body = {"initial_state": [0, 0], "target_state": [0.01, 0], "method": "cem", "seed": 1}
+        system = client.post("/plan", json=body | {"system": machine["name"]}).json()["system"]
+        assert machine.pop("system") == system
+        expected = MACHINES[machine["name"]]
+        assert machine == {name: getattr(expected, name) for name in machine}
+        assert {"title", "position_unit", "control_unit", "delay_steps", "source"} < set(machine)
+
+
+def test_every_parameter_of_a_plant_is_documented_with_its_unit(client: httpx.Client) -> None:
+    schemas = client.get("/openapi.json").json()["components"]["schemas"]
+    for name, units in (
+        ("System", ("m/s^2", "m/s", "1/s", " s.", "units of control")),
+        ("ByDirection", ("unit",)),
+        ("ControlLimits", ("Units of control",)),
+    ):
+        assert schemas[name]["description"]
+        for field, schema in schemas[name]["properties"].items():
+            assert any(unit in schema["description"] for unit in units), field
+    names = schemas["MachineName"]["enum"]
+    assert names == list(MACHINES)
 
 
 def test_info_says_what_runs_and_what_is_allowed(client: httpx.Client) -> None:

@@ -131,7 +131,11 @@ def test_a_body_that_cannot_be_read_is_told_why(
         (r'"\ud800": 1', "", "valid string"),
         (r'"\ud800": 1, "\ud800": 1', r"/\ud800", "the key appears more than once"),
         (r'"model": "\ud800"', "/model", "valid string"),
-        ('"system": {"static_friction": true}', "/system/static_friction", "valid number"),
+        (
+            '"system": {"static_friction": true}',
+            "/system/static_friction",
+            "must be a number, or an object",
+        ),
         ('"refine": {"repair": "no"}', "/refine/repair", "valid boolean"),
         ('"method": {"name": "cem", "iterations": "3"}', "/method/iterations", "valid integer"),
         ('"system": 3', "/system", "must be an object"),

@@ -97,6 +97,45 @@ def assert_problem(response: httpx.Response, status: int) -> dict[str, Any]:
         ({"system": {"coulomb_friction": 0.8}}, "/system", "must not exceed static_friction"),
         ({"system": {"time_step": 0}}, "/system/time_step", ""),
         ({"system": {"mass": 1}}, "/system/mass", ""),
+        ({"system": "lathe"}, "/system", "no machine 'lathe'; there are: 'paper', 'emps', "),
+        ({"system": {"control_limit": True}}, "/system/control_limit", "must be a number, or an"),
+        (
+            {"system": {"viscous_damping": {"forward": "0.1", "backward": 0.1}}},
+            "/system/viscous_damping/forward",
+            "a valid number",
+        ),
+        (
+            {"system": {"static_friction": {"forward": 0.5, "backward": 0.7}}},
+            "/system",
+            "coulomb_friction must not exceed static_friction forward",
+        ),
+        (
+            {"system": {"control_limit": {"lower": 0.9, "upper": 0.9}}},
+            "/system/control_limit",
+            "upper must exceed lower",
+        ),
+        ({"pending_controls": 0.5}, "/pending_controls", "must be an array"),
+        ({"pending_controls": [0.5, "0.5"]}, "/pending_controls/1", "a valid number"),
+        ({"pending_controls": [NAN]}, "/pending_controls/0", "NaN is not a finite number"),
+        ({"pending_controls": [0.0] * 1025}, "/pending_controls", "at most 1024"),
+        (
+            {"pending_controls": [0.9, -0.9, 0, 0.91]},
+            "/pending_controls/3",
+            "0.91 is beyond the plant's limits, -0.9 to 0.9",
+        ),
+        (
+            {
+                "pending_controls": [2, -1.5],
+                "system": {"control_limit": {"lower": -1, "upper": 2}},
+            },
+            "/pending_controls/1",
+            "-1.5 is beyond the plant's limits, -1 to 2",
+        ),
+        (
+            {"method": "action_diffusion", "system": "emps"},
+            "/system",
+            "the same both ways, without bias, gain or Stribeck effect, and horizon 64",
+        ),
         (
             {"method": "action_diffusion", "system": {"static_friction": 0.65}},
             "/system",
@@ -188,6 +227,11 @@ def test_unknown_paths_and_verbs_are_problems_too(client: httpx.Client) -> None:
     assert response.headers["allow"] == "POST"
 
 
+LIKELY: list[Any] = [
+    *("uniform", "cem", [0.0, 0.0], 3, {"name": "cem"}, "servo", [0.9, -0.9, 0.3]),
+    {"static_friction": {"forward": 0.7, "backward": 1}, "control_limit": {"lower": 0, "upper": 2}},
+    {"coulomb_friction": {"forward": 0.1}, "control_limit": {"lower": 2, "upper": -2}, "bias": 9},
+]
 json_values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
@@ -199,7 +243,7 @@ json_values = st.recursive(
     st.fixed_dictionaries(
         {},
         optional={
-            name: json_values | st.sampled_from(["uniform", "cem", [0.0, 0.0], 3, {"name": "cem"}])
+            name: json_values | st.sampled_from(LIKELY)
             for name in (
                 "initial_state",
                 "target_state",
@@ -207,6 +251,7 @@ json_values = st.recursive(
                 "num_candidates",
                 "seed",
                 "system",
+                "pending_controls",
                 "horizon",
                 "model",
                 "include",
@@ -226,6 +271,40 @@ def test_nothing_that_can_be_sent_is_a_server_error(
     if response.status_code != 200:
         assert response.status_code in (404, 422)
         assert_problem(response, response.status_code)
+
+
+numbers = st.sampled_from([0, 1e-6, 1e-3, 0.5, 1, 30, 1e6])
+plants = st.fixed_dictionaries(
+    {},
+    optional={
+        "static_friction": numbers
+        | st.fixed_dictionaries({"forward": numbers, "backward": numbers}),
+        "coulomb_friction": numbers
+        | st.fixed_dictionaries({"forward": numbers, "backward": numbers}),
+        "viscous_damping": numbers
+        | st.fixed_dictionaries({"forward": numbers, "backward": numbers}),
+        "stribeck_velocity": numbers,
+        "bias": numbers | numbers.map(lambda number: -number),
+        "control_gain": numbers,
+        "control_limit": numbers
+        | st.fixed_dictionaries({"lower": numbers.map(lambda number: -number), "upper": numbers}),
+        "time_step": numbers,
+        "velocity_threshold": numbers,
+    },
+)
+
+
+@given(plants, st.booleans(), st.booleans())
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_the_oddest_plant_is_planned_for_or_refused(
+    client: httpx.Client, system: dict[str, Any], refine: bool, is_pushed: bool
+) -> None:
+    pending = {"pending_controls": [0] * 9} if is_pushed else {}
+    response = post(client, GOOD | pending | {"system": system, "refine": refine, "horizon": 16})
+    if response.status_code != 200:
+        assert_problem(response, 422)
 
 
 def test_a_full_queue_says_when_to_come_back(model_store: Path) -> None:
@@ -259,9 +338,10 @@ def test_limits_are_settings(model_store: Path) -> None:
 
 
 def test_the_types_of_problems_are_listed() -> None:
+    page = Path(errors.__file__).with_name("README.md").read_text()
     listed = {
         (slug.strip(" `"), int(status))
-        for line in Path(errors.__file__).with_name("README.md").read_text().splitlines()
+        for line in page.partition("## Problems")[2].splitlines()
         if line.startswith("| `")
         for slugs, statuses, _ in [line.strip("| ").split(" | ", 2)]
         for slug in slugs.split(",")

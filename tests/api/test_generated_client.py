@@ -80,6 +80,33 @@ def test_it_plans_to_several_targets(generated: Import, caller: Any) -> None:
         assert segment.states[-1][0] == pytest.approx(target[0], abs=1e-6)
 
 
+def test_it_plans_for_a_plant_by_numbers_objects_or_a_name(generated: Import, caller: Any) -> None:
+    models, plan = generated("models"), generated("api.planning.plan")
+    system = models.System(
+        static_friction=models.ByDirection(forward=0.5, backward=0.8),
+        coulomb_friction=0.4,
+        stribeck_velocity=0.02,
+        control_gain=0.5,
+        control_limit=models.ControlLimits(lower=-4.0, upper=6.0),
+    )
+    for asked in (system, models.MachineName.EMPS):
+        request = models.PlanRequest(
+            initial_state=[0.0, 0.0],
+            target_state=[0.01, 0.0],
+            method=models.MethodName.DATASET_PRIOR,
+            refine=True,
+            system=asked,
+            pending_controls=[1.0, 2.0],
+        )
+        answer = plan.sync(client=caller, body=request)
+        assert isinstance(answer, models.PlanResponse), answer
+        assert answer.predicted_initial_state == answer.states[0]
+        assert isinstance(answer.system.static_friction, models.ByDirection)
+        if asked is system:
+            assert answer.system.coulomb_friction == 0.4
+            assert answer.system.control_limit == system.control_limit
+
+
 def test_a_bad_request_is_a_typed_problem(generated: Import, caller: Any) -> None:
     models, plan = generated("models"), generated("api.planning.plan")
     request = models.PlanRequest(
@@ -99,4 +126,6 @@ def test_it_asks_what_there_is(generated: Import, caller: Any) -> None:
     assert model.name == "tiny"
     assert generated("api.about.info").sync(client=caller).limits.max_candidates == 4096
     assert len(generated("api.about.methods").sync(client=caller)) == 6
+    machines = generated("api.about.machines").sync(client=caller)
+    assert {machine.name: machine.control_unit for machine in machines}["emps"] == "V"
     assert generated("api.health.readyz").sync(client=caller).status == "ready"

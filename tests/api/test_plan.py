@@ -2,12 +2,15 @@
 
 import itertools
 import threading
+from dataclasses import asdict
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
+from app.planning.plant.machines import MACHINES
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 
@@ -142,6 +145,8 @@ def test_another_plant_is_planned_with(client: httpx.Client) -> None:
     answer = plan(client, method="cem", system=system, horizon=20, num_candidates=32)
     assert answer["system"] == {
         "viscous_damping": 0.05,
+        "bias": 0.0,
+        "control_gain": 1.0,
         "time_step": 0.05,
         "velocity_threshold": 1e-3,
         **system,
@@ -149,6 +154,76 @@ def test_another_plant_is_planned_with(client: httpx.Client) -> None:
     states = rollout(System(**system), np.zeros(2), np.array([answer["controls"]]))[0]
     np.testing.assert_array_equal(states, answer["states"])
     assert len(answer["controls"]) == 20
+
+
+def test_a_plant_that_differs_by_direction_is_planned_with(client: httpx.Client) -> None:
+    system = {
+        "static_friction": {"forward": 0.5, "backward": 0.8},
+        "coulomb_friction": {"forward": 0.4, "backward": 0.8},
+        "viscous_damping": 0.1,
+        "stribeck_velocity": 0.02,
+        "bias": -0.1,
+        "control_gain": 0.5,
+        "control_limit": {"lower": -4.0, "upper": 6.0},
+        "time_step": 0.02,
+        "velocity_threshold": 1e-3,
+    }
+    answer = plan(client, method="dataset_prior", system=system, refine=True)
+    assert answer["system"] == system
+    plant = TypeAdapter(System).validate_python(system)
+    states = rollout(plant, np.zeros(2), np.array([answer["controls"]]))[0]
+    np.testing.assert_array_equal(states, answer["states"])
+    assert -4 <= min(answer["controls"]) <= max(answer["controls"]) <= 6
+    assert 0 < answer["reachability"]["floor_error"] < 1e-5
+    assert plan(client, method="dataset_prior")["reachability"]["floor_error"] == 0
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_machine_is_planned_for_by_its_name(client: httpx.Client, name: str) -> None:
+    named, spelt_out = (
+        plan(client, method="dataset_prior", seed=1, target_state=[0.01, 0.0], system=system)
+        for system in (name, asdict(MACHINES[name].system))
+    )
+    assert without_timing(named) == without_timing(spelt_out)
+    assert "stribeck_velocity" in named["system"] or not MACHINES[name].system.stribeck_velocity
+
+
+PENDING = {"pending_controls": [0.9, 0.9, 0.9, -0.9, 0.0], "initial_state": [0.1, -0.2]}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_plan_starts_where_the_pending_controls_lead_to(
+    client: httpx.Client, method: str
+) -> None:
+    answer = plan(client, method=method, seed=1, **PENDING)
+    states = rollout(
+        System(),
+        np.array([0.1, -0.2]),
+        np.array([[*PENDING["pending_controls"], *answer["controls"]]]),
+    )[0]
+    np.testing.assert_array_equal(states[5:], answer["states"])
+    assert answer.pop("predicted_initial_state") == answer["states"][0] == states[5].tolist()
+    from_there = plan(client, method=method, seed=1, initial_state=answer["states"][0])
+    assert without_timing(answer) == without_timing(from_there)
+
+
+def test_pending_controls_come_before_the_first_segment(client: httpx.Client) -> None:
+    answer = plan_multistep(client, method="cem", seed=1, **PENDING)
+    predicted = answer.pop("predicted_initial_state")
+    assert answer["states"][0] == answer["segments"][0]["states"][0] == predicted
+    from_there = plan_multistep(client, method="cem", seed=1, initial_state=predicted)
+    assert without_timing(answer) == without_timing(from_there)
+    assert "predicted_initial_state" not in answer["segments"][0]
+
+
+def test_without_pending_controls_nothing_is_predicted(client: httpx.Client) -> None:
+    assert "predicted_initial_state" not in plan(client, method="cem", pending_controls=[])
+
+
+def test_controls_at_the_very_limits_may_be_pending(client: httpx.Client) -> None:
+    limits = {"control_limit": {"lower": -1.5, "upper": 2.0}}
+    answer = plan(client, method="cem", system=limits, pending_controls=[2.0, -1.5] * 512)
+    assert answer["states"][0] == answer["predicted_initial_state"]
 
 
 def test_a_model_can_be_named_with_and_without_its_version(client: httpx.Client) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from app.planning.plant.machines import MACHINES
 from app.settings import SHIPPED_MODELS
 from tests.cli.command import invoke, run
 
@@ -11,6 +12,20 @@ def test_it_lists_the_shipped_models_from_any_directory(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     for manifest in SHIPPED_MODELS.glob("*/*/manifest.json"):
         assert manifest.parent.parent.name in done.stdout
+
+
+def test_it_lists_the_machines_and_who_published_them() -> None:
+    done = invoke("models", "--machines", BREAKAWAY_MODEL_STORE="nowhere")
+    assert done.exit_code == 0
+    lines = done.stdout.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert "…" not in done.stdout
+    for name, machine in MACHINES.items():
+        (row,) = [line.split() for line in lines if line.startswith(f"{name} ")]
+        assert row[-1] == f"{machine.system.time_step:g}"
+        assert f"\n{name}: {machine.title}." in done.stdout
+        assert machine.source.split()[-1] in done.stdout
+    assert "emps             0.254/0.26  0.212/0.217  1.75/2.53" in done.stdout
 
 
 def test_an_unfinished_model_is_said_to_be_skipped(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from app.planning.plant.machines import MACHINES
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from tests.cli.command import invoke, run, run_python
 
@@ -115,6 +116,14 @@ def test_what_the_service_refuses_is_named_by_its_option(
     [
         ({"model": "nope"}, "/model: no model 'nope'"),
         ({"horizon": 2000}, "/horizon: 2000 time steps; at most 1024"),
+        ({"pending_controls": [0.0, 1.0]}, "/pending_controls/1: 1 is beyond the plant's limits"),
+        (
+            {"system": "emps"},
+            "/system: no model was trained for this plant and horizon 64; there are: tiny/1 for "
+            "plants with static_friction 0.7, coulomb_friction 0.6, viscous_damping 0.05, "
+            "control_limit 0.9, time_step 0.05, velocity_threshold 0.001, the same both ways, "
+            "without bias, gain or Stribeck effect, and horizon 64",
+        ),
         ({"system": {"static_friction": 0.65}}, "/system: no model was trained for"),
         ({"method": "uniform", "initial": {"method": "cem"}}, "/initial: uniform starts from"),
     ],
@@ -129,6 +138,39 @@ def test_what_the_service_refuses_is_named_by_its_field_of_the_file(
     )
     assert done.exit_code == 1
     assert done.stderr.startswith(message)
+
+
+def test_a_machine_is_planned_for_in_its_own_unit_of_control(empty_store: str) -> None:
+    asked = ("--target-state", "0.01", "0", "--method", "dataset_prior", "--refine", "--seed", "1")
+    done = invoke(
+        *("plan", *asked, "--system", "rack_and_pinion", "--json", "-"),
+        BREAKAWAY_MODEL_STORE=empty_store,
+    )
+    assert done.exit_code == 0, done.stderr
+    answer = PlanResponse.model_validate_json(done.stdout)
+    assert answer.system == MACHINES["rack_and_pinion"].system
+    assert answer.reachability is not None
+    assert f"floor error          {answer.reachability.floor_error:.1e} m" in done.stderr
+    emps = invoke("plan", *asked, "--system", "emps", BREAKAWAY_MODEL_STORE=empty_store)
+    assert "units of control²" in emps.stdout
+    assert "floor error" not in emps.stdout
+
+
+def test_pending_controls_are_taken_from_a_file(empty_store: str) -> None:
+    body = {"target_state": [0.2, 0.0], "method": "uniform", "pending_controls": [0.9, 0.8]}
+    done = invoke(
+        *("plan", "--request", "-", "--json", "-"),
+        standard_input=json.dumps(body),
+        BREAKAWAY_MODEL_STORE=empty_store,
+    )
+    assert done.exit_code == 0, done.stderr
+    answer = PlanResponse.model_validate_json(done.stdout)
+    assert answer.states is not None
+    # Two steps from rest, by hand.
+    first = 0.05 * (0.9 - 0.6)
+    second = first + 0.05 * (0.8 - 0.6 - 0.05 * first)
+    assert answer.predicted_initial_state == pytest.approx((0.05 * (first + second), second))
+    assert answer.predicted_initial_state == answer.states[0]
 
 
 def test_limits_come_from_the_environment(empty_store: str) -> None:

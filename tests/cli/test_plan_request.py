@@ -18,6 +18,7 @@ WHOLE = {
     "num_candidates": 32,
     "seed": 5,
     "system": {"static_friction": 0.8, "control_limit": 1.2},
+    "pending_controls": [0.9, -0.9],
     "horizon": 48,
     "model": "tiny",
     "initial": {"method": "uniform"},
@@ -60,6 +61,7 @@ def test_options_alone_are_a_request_from_rest() -> None:
         ("initial_state", (0.0, 0.0)),
         ("target_state", (0.3, 0.1)),
         ("method", "mppi"),
+        ("system", "emps"),
         ("num_candidates", 4),
         ("seed", 6),
         ("model", "other/2"),
@@ -76,6 +78,12 @@ def test_a_method_may_be_an_object() -> None:
     assert read(target_state=(0.2, 0.0), method=json.dumps(method)) == PlanRequest.model_validate(
         {"initial_state": (0.0, 0.0), "target_state": (0.2, 0.0), "method": method}
     )
+
+
+def test_a_system_may_be_an_object() -> None:
+    system = {"static_friction": {"forward": 0.8, "backward": 0.7}, "bias": -0.1}
+    asked = read(WHOLE, system=json.dumps(system))
+    assert asked == PlanRequest.model_validate(WHOLE | {"system": system})
 
 
 def test_a_target_overrides_the_targets_of_the_file() -> None:
@@ -105,6 +113,17 @@ def test_options_other_than_the_target_keep_the_targets_of_the_file() -> None:
         (WHOLE, {"method": '{"name": '}, "--method: not JSON: Expecting value at line"),
         (WHOLE, {"method": '{"name": "cem", "name": "mppi"}'}, "--method /name: the key appears"),
         (WHOLE, {"objective": "comfort"}, "--objective: "),
+        (WHOLE, {"system": "lathe"}, "--system: no machine 'lathe'; there are: 'paper', 'emps'"),
+        (WHOLE, {"system": '{"time_step": 0}'}, "--system /time_step: "),
+        (WHOLE, {"system": '{"bias": 1, "bias": 1}'}, "--system /bias: the key appears"),
+        (WHOLE, {"system": '{"bias"'}, "--system: not JSON: "),
+        (
+            WHOLE,
+            {"system": '{"control_limit": {"lower": true, "upper": 1}}'},
+            "--system /control_limit/lower: ",
+        ),
+        (WHOLE, {"system": '{"control_limit": "1"}'}, "--system /control_limit: must be a number"),
+        (WHOLE | {"pending_controls": [0, "1"]}, {}, "/pending_controls/1: "),
         (WHOLE, {"model": ""}, "--model: "),
         ([WHOLE], {}, "--request: must be a JSON object"),
     ],

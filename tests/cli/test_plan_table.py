@@ -1,6 +1,7 @@
 """What is printed of a plan."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -62,6 +63,43 @@ def test_a_plan_is_shown_with_all_its_measures(plan: PlanResponse) -> None:
         "time": f"{plan.timing_ms.total:.2f} ms",
     }
     assert printed(ONE, plan).startswith("dataset_prior, seed 7\n")
+
+
+@pytest.mark.parametrize(("floor_error", "shown"), [(0.0, False), (1.234e-7, True)])
+def test_how_far_the_floor_may_be_off_is_shown_where_it_is(
+    plan: PlanResponse, floor_error: float, shown: bool
+) -> None:
+    assert plan.reachability is not None
+    reachability = plan.reachability.model_copy(update={"floor_error": floor_error})
+    text = printed(ONE, plan.model_copy(update={"reachability": reachability}))
+    assert ("floor error          1.2e-07 m" in text) == shown
+    assert ("floor error" in text) == shown
+
+
+def test_a_plant_with_a_gain_has_units_of_control(
+    plan: PlanResponse, multistep: MultistepPlanResponse
+) -> None:
+    system = replace(plan.system, control_gain=0.5)
+    text = printed(ONE, plan.model_copy(update={"system": system}))
+    assert f"control energy       {plan.control_energy:.3f} units of control²" in text
+    several = printed(SEVERAL, multistep.model_copy(update={"system": system}))
+    assert several.count("control²") == 2
+    assert "m/s²" not in text + several
+    assert max(map(len, several.splitlines())) <= 80
+    assert "…" not in several
+
+
+def test_a_floor_that_is_off_for_one_target_has_a_column_for_all(
+    multistep: MultistepPlanResponse,
+) -> None:
+    first, second, *others = multistep.segments
+    assert second.reachability is not None
+    inexact = second.reachability.model_copy(update={"floor_error": 1.234e-7})
+    segments = [first, second.model_copy(update={"reachability": inexact}), *others]
+    text = printed(SEVERAL, multistep.model_copy(update={"segments": segments}))
+    rows = [line for line in text.splitlines() if line.startswith(("-0.25,", "0.4, 0", "-0.12"))]
+    assert [row.split()[4] for row in rows] == ["0", "1.2e-07", "0"]
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_what_an_answer_does_not_say_is_left_out(plan: PlanResponse) -> None:

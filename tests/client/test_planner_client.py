@@ -15,6 +15,7 @@ from app.inference.engine import Engine
 from app.inference.model_store import ModelStore
 from app.launch import free_port
 from app.main import create_app
+from app.planning.plant.machines import MACHINES
 from app.serving.rates import Rates
 from app.serving.service import PlanningService
 from app.settings import Settings
@@ -101,6 +102,8 @@ def unwilling(status: int, wait: str = "0") -> httpx.Response:
         {"method": {"name": "cem", "iterations": 3}, "initial": {"method": "dataset_prior"}},
         {"method": "dataset_prior", "refine": True, "objective": "control_energy"},
         {"method": "mppi", "system": {"static_friction": 0.65}, "horizon": 32},
+        {"method": "cem", "system": "belt_cart", "pending_controls": [4.0, -4.0, 0.5]},
+        {"method": "cem", "system": {"coulomb_friction": {"forward": 0.1, "backward": 0.6}}},
     ],
 )
 def test_the_answer_is_that_of_the_planner(url: str, plan: Plan, fields: dict[str, Any]) -> None:
@@ -127,16 +130,20 @@ def test_both_clients_get_everything_else_alike(url: str) -> None:
             return (
                 (await client.plan_multistep(request)).controls,
                 await client.models(),
+                await client.machines(),
                 await client.info(),
             )
 
     with PlannerClient(url) as client:
         client.wait_until_ready()
         controls = client.plan_multistep(request).controls
-        models, info = client.models(), client.info()
-    assert asyncio.run(asked()) == (controls, models, info)
+        models, machines, info = client.models(), client.machines(), client.info()
+    assert asyncio.run(asked()) == (controls, models, machines, info)
     assert len(controls) == 128
     assert [model.name for model in models] == ["tiny"]
+    assert {machine.name: machine.system for machine in machines} == {
+        name: machine.system for name, machine in MACHINES.items()
+    }
     assert info.name == "breakaway"
 
 

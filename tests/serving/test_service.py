@@ -4,17 +4,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.inference.engine import Engine
 from app.inference.model import Model
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.objectives import OBJECTIVES
+from app.planning.plant.machines import MACHINES
 from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
+from app.planning.problem import state_after
 from app.serving.admission import MARGIN, MARGIN_SECONDS
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
+from app.serving.refusals import InvalidField
 from app.serving.service import PlanningService
 from app.settings import Settings
 from app.wire.requests import MultistepPlanRequest, PlanRequest
@@ -72,6 +76,40 @@ def test_what_the_named_model_does_not_cover_is_refused_with_what_it_covers(
     assert str(refusal.value) == (
         f"stiff/1 was trained for plants with {STIFF}, and horizon {HORIZON}"
     )
+
+
+def test_a_plant_that_no_model_covers_is_refused_with_all_that_is_covered(
+    service: PlanningService,
+) -> None:
+    with pytest.raises(UnfitModel) as refusal:
+        service.resolve(request(system="emps", horizon=HORIZON))
+
+    assert str(refusal.value) == (
+        f"no model was trained for this plant and horizon {HORIZON}; there are: "
+        f"nominal/1 for plants with {PlantRange.only(System())}, and horizon {HORIZON}; "
+        f"stiff/1 for plants with {STIFF}, and horizon {HORIZON}"
+    )
+
+
+def test_pending_controls_lie_within_the_limits_of_the_plant_that_is_meant(
+    service: PlanningService,
+) -> None:
+    controls = [10.0, -10.0, 10.1]
+    asked = request(system="emps", method="cem", pending_controls=controls[:2])
+    start = service.resolve(asked).problem((0.2, 0.0)).initial_state
+    expected = state_after(controls[:2], np.zeros(2), MACHINES["emps"].system)
+    np.testing.assert_array_equal(start, expected)
+    with pytest.raises(InvalidField, match=r"10.1 is beyond the plant's limits, -10 to 10") as no:
+        service.resolve(asked.model_copy(update={"pending_controls": controls}))
+    assert no.value.pointer == "/pending_controls/2"
+
+
+def test_pending_controls_are_no_work_worth_counting(service: PlanningService) -> None:
+    idle, busy = (
+        service.resolve(request(method="cem", pending_controls=pending)).work.rollout_steps
+        for pending in ([], [0.9] * 1024)
+    )
+    assert idle == busy > 90 * 1024
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)

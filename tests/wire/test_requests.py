@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from app.planning.plant.machines import MACHINES
 from app.wire.field_errors import field_errors
 from app.wire.json_text import InvalidParts, parse_json
 from app.wire.requests import MultistepPlanRequest, PlanRequest
@@ -81,8 +82,11 @@ def parts(
     """Walk one level: a key, its schema, and how to build what holds a value there."""
     properties = schema.get("properties", {})
     tag = {"name": properties["name"]["const"]} if "name" in properties else {}
+    # Friction by direction and limits are their own way of saying a number, of two.
+    two = {"forward": 0.5, "backward": 0.5, "lower": -1, "upper": 2}
+    needed = {key: two[key] for key in schema.get("required", []) if key in two}
     for key, part in properties.items():
-        yield key, part, partial(with_member, good or tag, key)
+        yield key, part, partial(with_member, good or tag | needed, key)
     if "items" in schema:
         yield 0, schema["items"], lambda value: [value]
     for index, part in enumerate(schema.get("prefixItems", [])):
@@ -131,6 +135,9 @@ def test_the_schemas_were_walked_to_their_ends() -> None:
         "/targets/0/1",
         "/include/0",
         "/system/velocity_threshold",
+        "/system/coulomb_friction/backward",
+        "/system/control_limit/lower",
+        "/pending_controls/0",
         "/refine/repair",
         "/method/prior/num_segments",
         "/initial/method/smoothing_window",
@@ -181,7 +188,8 @@ def test_a_key_twice_is_refused_at_any_depth() -> None:
     [
         ({"seed": True}, ("seed",)),
         ({"initial_state": ("0", 0)}, ("initial_state", 0)),
-        ({"system": {"static_friction": "0.9"}}, ("system", "static_friction")),
+        ({"system": {"time_step": "0.9"}}, ("system", "time_step")),
+        ({"pending_controls": (0, True)}, ("pending_controls", 1)),
         ({"refine": {"repair": "no"}}, ("refine", "repair")),
         ({"method": {"name": "cem", "iterations": 2.0}}, ("method", "cem", "iterations")),
     ],
@@ -192,6 +200,13 @@ def test_values_in_python_are_checked_as_strictly(
     with pytest.raises(ValidationError) as raised:
         PlanRequest(**GOOD[PlanRequest] | fields)
     assert raised.value.errors()[0]["loc"] == pointer
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_name_of_a_machine_stands_for_its_plant(name: str) -> None:
+    request = PlanRequest(**GOOD[PlanRequest] | {"system": name})
+    assert request.system == MACHINES[name].system
+    assert PlanRequest.model_validate(request.model_dump()) == request
 
 
 def test_lists_and_tuples_stand_for_arrays() -> None:

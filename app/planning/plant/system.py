@@ -42,9 +42,9 @@ class ByDirection(Options):
     """A friction that differs by the direction of motion."""
 
     forward: NotNegative
-    """Of motion with v > 0."""
+    """Of motion with v > 0, in the unit of the friction."""
     backward: NotNegative
-    """Of motion with v < 0, as a positive number."""
+    """Of motion with v < 0, as a positive number in the same unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,9 @@ class ControlLimits(Options):
     """The range of a control, both ends included."""
 
     lower: Number
+    """Units of control."""
     upper: Number
+    """Units of control; greater than `lower`."""
 
     def check_combination(self) -> None:
         """Check the order.

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from app.evaluation.question import Entrant
 from app.evaluation.statistics import Interval, interval
 
-SYMBOLS = {"num_candidates": "K", "static_friction": "f_s", "refined_by": "Refined by"}
+SYMBOLS = {
+    "num_candidates": "K",
+    "static_friction": "f_s",
+    "refined_by": "Refined by",
+    "machine": "Machine",
+}
 """What tables call that which suites vary."""
 
 

@@ -9,8 +9,9 @@ OF_A_SEQUENCE = ("final_error", "mean_end_error", "mean_end_floor")
 def measures(answer: Answer) -> dict[str, float]:
     """Return the measures of a plan, or of a sequence of plans.
 
-    Errors, gaps and floors are in m, energy and smoothness in (m/s^2)^2, times in ms; `compute_ms`
-    is the service's own time for all plans of the answer, `latency_ms` what the client waited.
+    Errors, gaps and floors are in m (or rad, as the plant is), energy and smoothness in squared
+    units of control, times in ms; `compute_ms` is the service's own time for all plans of the
+    answer, `latency_ms` what the client waited.
     """
     content = answer.content
     row: dict[str, float] = {"seed": content["seed"]}

@@ -13,7 +13,7 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.entrants import ENTRANTS
 from app.evaluation.measures import measures
 from app.evaluation.question import Entrant, Question
-from app.evaluation.tasks import Task, request_seed
+from app.evaluation.tasks import DrawTasks, Task, request_seed
 
 Row: TypeAlias = Mapping[str, Any]
 
@@ -84,7 +84,10 @@ class Suite(ABC):
     title: ClassVar[str]
     """Of its section."""
     draw_tasks: ClassVar["staticmethod[[int, int], Sequence[Task]]"]
-    """The seed and the size decide, never the method or K."""
+    """The seed and the size decide, never the method or K.
+
+    A suite of several plants has none, and says with each question whose tasks they are.
+    """
     FULL: ClassVar[Size]
     QUICK: ClassVar[Size]
     trajectories: ClassVar[bool] = False
@@ -104,14 +107,24 @@ class Suite(ABC):
             yield from self.ask(entrant, k)
 
     def ask(
-        self, entrant: Entrant, num_candidates: int, **labels: str | float
+        self,
+        entrant: Entrant,
+        num_candidates: int,
+        draw_tasks: DrawTasks | None = None,
+        **labels: str | float,
     ) -> Iterator[Question]:
-        """Ask an entrant for every run of every task; `labels` are more columns of the data.
+        """Ask an entrant for every run of every task.
+
+        Args:
+            entrant: who is asked.
+            num_candidates: K.
+            draw_tasks: where the suite has none of its own.
+            labels: more columns of the data.
 
         Raises:
             ValidationError: the service would refuse such a request.
         """
-        tasks = self.draw_tasks(self.size.tasks, self.seed)
+        tasks = (draw_tasks or self.draw_tasks)(self.size.tasks, self.seed)
         who = labels | {"entrant": entrant.label, "num_candidates": num_candidates}
         for (number, task), run in product(enumerate(tasks), range(self.size.runs)):
             request = entrant.request(task, num_candidates, request_seed(self.seed, number, run))

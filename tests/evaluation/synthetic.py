@@ -38,11 +38,18 @@ def sequence_answer(
     return _answer(content, stuck_steps, compute_ms)
 
 
-def assert_asked_alike(suite: Suite, tasks: Sequence[Task], number: int) -> None:
-    """So many as are told apart are all asked for the same runs of `tasks`, with the same seeds."""
+def assert_asked_alike(
+    suite: Suite, tasks: Sequence[Task], number: int, **where: str | int
+) -> None:
+    """So many as are told apart are all asked for the same runs of `tasks`, with the same seeds.
+
+    Where the labels are those of `where`.
+    """
     asked = defaultdict(list)
     for question in suite.questions():
         who = dict(question.labels)
+        if not where.items() <= who.items():
+            continue
         task, run = int(who.pop("task")), int(who.pop("run"))
         fields = {name: getattr(question.request, name) for name in tasks[task]}
         asked[tuple(who.values())].append((task, run, fields, question.request.seed))

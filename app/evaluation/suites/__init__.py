@@ -7,6 +7,7 @@ from app.evaluation.suites.learned_prior import LearnedPrior
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.multistep_reference import MultistepReference
 from app.evaluation.suites.plant_sensitivity import PlantSensitivity
+from app.evaluation.suites.random_machines import RandomMachines
 from app.evaluation.suites.random_targets import RandomTargets
 from app.evaluation.suites.sample_budget import SampleBudget
 from app.evaluation.suites.sampler_frontier import SamplerFrontier
@@ -22,6 +23,7 @@ SUITES: dict[str, type[Suite]] = {
         MultistepRandom,
         FrictionSensitivity,
         RandomTargets,
+        RandomMachines,
         PlantSensitivity,
         LearnedPrior,
         SamplerFrontier,

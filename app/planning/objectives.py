@@ -15,6 +15,9 @@ from app.planning.arrays import FloatArray
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps
 from app.planning.problem import Problem
 
+SAME = 1e-9
+"""Measures (relative) and errors (m) that differ by less than this are a tie."""
+
 Measure: TypeAlias = Callable[[Problem, FloatArray, FloatArray], NDArray[np.number]]
 """(problem, controls (K, H), states (K, H+1, 2)) -> (K,), of which less is better."""
 ObjectiveName: TypeAlias = Literal[
@@ -69,7 +72,8 @@ def best_candidate(
     """Return the index of the best candidate by `objective`.
 
     The candidates within `TOLERANCE` of the least terminal error are ranked by the objective's
-    measure, and by terminal error where it ties.
+    measure, and by terminal error where it ties; of those that tie in that as well, the first is
+    the best, so that no machine's rounding decides.
 
     Args:
         problem: the plant, and the target position for the stuck steps.
@@ -84,4 +88,7 @@ def best_candidate(
         return int(np.argmin(errors))
     equal = np.flatnonzero(errors <= min(least + TOLERANCE, error_limit))
     values = objective.measure(problem, controls[equal], states[equal])
-    return int(equal[np.lexsort((errors[equal], values))[0]])
+    least_value = float(values.min())
+    tied = equal[values <= least_value + SAME * abs(least_value)]
+    nearest = tied[errors[tied] <= errors[tied].min() + SAME]
+    return int(nearest[0])

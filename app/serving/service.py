@@ -93,13 +93,15 @@ class PlanningService:
             if not model.covers(system, horizon):
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
-        measuring_steps = REACHABILITY_STEPS if recipe.reachability else 0
+        repairs = recipe.refinement is not None and recipe.refinement.repair
+        # Once for the floor, and once more for a plan that is traced back.
+        num_sets = int(recipe.reachability or repairs) + int(repairs)
         work = Work(
             recipe.num_candidates * cost.network_evaluations * num_targets,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=model,
             rows_per_step=cost.predictions_per_step * recipe.num_candidates,
-            rollout_steps=(cost.rollouts * horizon + measuring_steps) * num_targets,
+            rollout_steps=(cost.rollouts * horizon + num_sets * REACHABILITY_STEPS) * num_targets,
             kind=_kind(recipe),
             answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
         )

@@ -54,3 +54,16 @@ def test_a_lesser_measure_does_not_excuse_an_error_beyond_the_limit(
     errors = 0.5 + TOLERANCE * np.array([0.5, 0.3, 0.0])
 
     assert best_candidate(problem, controls, states, errors, CONTROL_ENERGY, error_limit) == best
+
+
+def test_rounding_does_not_decide_between_candidates_that_tie() -> None:
+    problem = Problem(np.zeros(2), np.zeros(2), horizon=2)
+    controls = np.array([[0.3, 0.4], [0.4, 0.3], [0.1, 0.6]])
+    controls[0] *= 1 + 1e-15
+    states = np.zeros((3, 3, 2))
+    errors = np.array([2e-13, 1e-13, 0.0])
+
+    assert best_candidate(problem, controls, states, errors, CONTROL_ENERGY) == 0
+    assert best_candidate(problem, controls[::-1], states, errors[::-1], CONTROL_ENERGY) == 1
+    far = np.array([2e-8, 1e-13, 0.0])
+    assert best_candidate(problem, controls, states, far, CONTROL_ENERGY) == 1

@@ -35,6 +35,8 @@ _MAX_PIECES = 32
 """Pieces of the reachable set beyond which the narrowest holes between them are filled."""
 _FILLED = 1e-9
 """Width (m) of the holes that are filled first."""
+_WIDEST = 1e12
+"""Above any hole (m) between positions that are no farther than LARGEST."""
 
 
 class ReachableSet(NamedTuple):
@@ -94,7 +96,7 @@ def _few(pieces: Pieces) -> tuple[Pieces, float]:
     Also returns the width (m) of the widest hole that was.
     """
     gap, filled = _FILLED, 0.0
-    while len(pieces.uppers) > _MAX_PIECES and gap < 1.0:
+    while len(pieces.uppers) > _MAX_PIECES and gap < _WIDEST:
         fewer = no_pieces()
         for i in range(len(pieces.uppers)):
             join(fewer, Piece(pieces.uppers[i], pieces.lowers[i]), gap)

@@ -233,6 +233,18 @@ def test_a_floor_says_how_far_it_may_be_off() -> None:
     assert floor_of(hopping, start, np.array([3.0, 0.3]), 64).floor_error > 1e-9
 
 
+def test_however_a_set_falls_apart_its_pieces_stay_few() -> None:
+    # All velocities count as at rest, and each step breaks away from each: pieces would double.
+    all_at_rest = System(0.7, 0.001, 0.001, time_step=0.5, velocity_threshold=1e6)
+    start, target = np.array([1.0, -1e6]), np.array([0.2, 0.0])
+
+    result = floor_of(all_at_rest, start, target, 64)
+
+    states = rollout(all_at_rest, start, np.full((1, 64), 0.9))[0]
+    assert result.floor <= np.linalg.norm(states[-1] - target)
+    assert result.floor_error > 0
+
+
 def test_a_stuck_plant_stays() -> None:
     system = System(static_friction=0.9, control_limit=0.9)
     result = floor_of(system, np.array([0.1, 0.0]), np.array([0.4, 0.4]), 64)

@@ -26,13 +26,14 @@ from app.planning.problem import (
     as_state,
     state_after,
 )
+from app.planning.reachable.reachability import Reachability
 from app.planning.recipe import Recipe
 from app.serving.admission import Work
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
 from app.settings import Settings
-from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.answers import MultistepPlanResponse, PlanResponse, ReachabilityReport
 from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest, State
 
 if TYPE_CHECKING:
@@ -304,7 +305,7 @@ def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, An
         "states": result.states if with_states else None,
         "terminal_error": result.terminal_error,
         "gap": result.gap,
-        "reachability": result.reachability and asdict(result.reachability),
+        "reachability": result.reachability and _reachability_fields(result.reachability),
         "refinement": result.refinement and asdict(result.refinement),
         "control_energy": result.control_energy,
         "control_smoothness": result.control_smoothness,
@@ -319,6 +320,11 @@ def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, An
         if "candidates" in include
         else None,
     }
+
+
+def _reachability_fields(reachability: Reachability) -> dict[str, Any]:
+    """Return the fields of a `ReachabilityReport`; the domain knows more."""
+    return {name: getattr(reachability, name) for name in ReachabilityReport.model_fields}
 
 
 def _multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> dict[str, Any]:

@@ -299,6 +299,7 @@ def test_a_refined_plan_arrives_and_says_what_it_was_before(
 
 def test_every_plan_says_what_can_be_reached(client: httpx.Client) -> None:
     near = plan(client, method="cem")["reachability"]
+    assert near.keys() == {"reachable", "floor", "floor_error", "nearest_state", "minimum_steps"}
     assert near["reachable"] is True
     assert near["floor"] == pytest.approx(0.0, abs=1e-9)
     assert 0 < near["minimum_steps"] < 64

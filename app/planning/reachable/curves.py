@@ -12,21 +12,41 @@ from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.plant.friction import friction_of, kept_velocity, weakening
 from app.planning.plant.system import Plant
-from app.planning.reachable.polylines import Piece
+from app.planning.reachable.polylines import Piece, with_vertex
 
 _FADED = 6.0
 """Velocities above this many v_s slide without Stribeck's effect: exp(-36) is below rounding."""
 _STEEPEST_BEND = 2.0
 """The greatest second derivative of exp(-x^2)."""
-_MAX_PARTS = 2**16
 STRAIGHT = 8e-7
-"""m: what edges lose at most, over all steps, where they are made straight and thinned."""
+"""m: what edges lose over all steps where they are made straight and thinned, on usual plants."""
+_MAX_PARTS = 4096
+"""Straight edges that all of a curve is made of, at most."""
 
 
 @compiled
-def straightening(horizon: int) -> float:
-    """Return what an edge may lose at once, m: it is straightened and thinned in each step."""
-    return STRAIGHT / (2.0 * horizon)
+def straightening(horizon: int, plant: Plant) -> float:
+    """Return what an edge may lose at once, m: it is straightened and thinned in each step.
+
+    That is a share of `STRAIGHT`, or more where a curve would need too many edges for it.
+    """
+    if plant.stribeck_velocity == 0.0:
+        return 0.0
+    lost = max(
+        weakening(0.0, friction_of(1.0, plant), plant),
+        weakening(0.0, friction_of(-1.0, plant), plant),
+    )
+    bend = plant.time_step * lost * _STEEPEST_BEND * _steepest(horizon, plant)
+    return max(STRAIGHT / (2.0 * horizon), bend * (_FADED / _MAX_PARTS) ** 2 / 8.0)
+
+
+@compiled
+def _steepest(horizon: int, plant: Plant) -> float:
+    """Return the slope (s) from which on an edge counts as upright.
+
+    There a velocity that is off counts by what it moves over the time that is left.
+    """
+    return 1.0 + horizon * plant.time_step
 
 
 @compiled
@@ -43,21 +63,19 @@ def _bent_line(line: FloatArray, direction: float, horizon: int, plant: Plant) -
     """Return (kept(v), y) of a line (v, y), with more vertices where that bends.
 
     Between two vertices h apart the curve is off its chord by h^2 kept''/8 in velocity, and by that
-    times the slope dy/dw, w = kept(v), in y. Where it is steep, what counts is that a velocity
-    which is off moves positions over the time that is left.
+    times the slope dy/dw, w = kept(v), in y.
     """
-    steepest = 1.0 + horizon * plant.time_step
-    friction = friction_of(direction, plant)
-    scale = plant.stribeck_velocity
+    friction, scale = friction_of(direction, plant), plant.stribeck_velocity
     bend = plant.time_step * weakening(0.0, friction, plant) * _STEEPEST_BEND / scale**2
+    line = with_vertex(line, direction * _FADED * scale)
     steps = np.ones(line.shape[0], dtype=np.int64)
     for i in range(line.shape[0] - 1):
         v0, v1 = line[i, 0], line[i + 1, 0]
         kept = kept_velocity(v1, direction, plant) - kept_velocity(v0, direction, plant)
-        if kept > 0.0 and min(abs(v0), abs(v1)) < _FADED * scale:
-            slope = min(steepest, abs(line[i + 1, 1] - line[i, 1]) / kept)
-            parts = (v1 - v0) * math.sqrt(slope * bend / (8.0 * straightening(horizon)))
-            steps[i] = max(1, min(_MAX_PARTS, math.ceil(parts)))
+        if kept > 0.0 and max(abs(v0), abs(v1)) <= _FADED * scale:
+            slope = min(_steepest(horizon, plant), abs(line[i + 1, 1] - line[i, 1]) / kept)
+            parts = (v1 - v0) * math.sqrt(slope * bend / (8.0 * straightening(horizon, plant)))
+            steps[i] = max(1, math.ceil(parts))
     curve = np.empty((steps[:-1].sum() + 1, 2))
     m = 0
     for i in range(line.shape[0] - 1):

@@ -100,6 +100,18 @@ def cut(line: FloatArray, low: float, high: float) -> FloatArray:
 
 
 @compiled
+def with_vertex(line: FloatArray, v: float) -> FloatArray:
+    """Return a line with a vertex at `v`, where an edge goes past it."""
+    i = _count(line, v, True)
+    if i == 0 or i == line.shape[0] or line[i - 1, 0] == v:
+        return line
+    more = np.empty((line.shape[0] + 1, 2))
+    more[:i], more[i + 1 :] = line[:i], line[i:]
+    more[i, 0], more[i, 1] = v, _at(line, i - 1, v)
+    return more
+
+
+@compiled
 def image(line: FloatArray, retained: float, low: float, high: float, slope: float) -> FloatArray:
     """Return w -> slope*w + the maximum of `line` over the v with `low` <= w - a*v <= `high`."""
     n = line.shape[0]

@@ -14,7 +14,7 @@ from app.planning.arrays import FloatArray
 from app.planning.plant.friction import can_rest, is_symmetric
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
-from app.planning.reachable.curves import STRAIGHT
+from app.planning.reachable.curves import straightening
 from app.planning.reachable.polylines import (
     Nearest,
     Piece,
@@ -92,7 +92,7 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     several steps inside the band) are the narrowest holes filled; the floor is then a lower bound,
     and a target in such a hole counts as reachable. With Stribeck's effect a sliding mass keeps a
     share of its velocity that is no longer the same at all of them: edges that bend are made of
-    straight ones, to within `STRAIGHT` over all steps (curves.py). `floor_error` says what both
+    straight ones, to within a millionth over all steps (curves.py). `floor_error` says what both
     come to.
 
     The floor is the distance from the target to X_H. Open ends (the dead zone, the band) are
@@ -113,9 +113,8 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     # In displacements from the start, so that its size costs no digits.
     task = problem.task
     displaced = task._replace(position=0.0, target_position=task.target_position - task.position)
-    tolerance = REACHABLE_WITHIN * scale
-    if problem.system.stribeck_velocity is not None:
-        tolerance += STRAIGHT
+    straightened = 2.0 * problem.horizon * straightening(problem.horizon, task.plant)
+    tolerance = REACHABLE_WITHIN * scale + straightened
     first, found = _propagate(displaced, problem.horizon, tolerance, stop.flag)
     stop.check()
     nearest = found.state

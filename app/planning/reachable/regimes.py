@@ -83,8 +83,9 @@ def advance(states: ReachableSet, symmetric: bool, horizon: int, plant: Plant) -
             rests.append((-rests[i][1], -rests[i][0]))
     inexact = states.inexact
     if plant.stribeck_velocity > 0.0:
-        inexact += 2.0 * straightening(horizon)
-        pieces = _thin(pieces, straightening(horizon))
+        tolerance = straightening(horizon, plant)
+        inexact += 2.0 * tolerance
+        pieces = _thin(pieces, tolerance)
     pieces, filled = _few(pieces)
     return ReachableSet(pieces, union_of_intervals(rests), inexact + 0.5 * filled)
 

@@ -53,7 +53,7 @@ def test_a_bent_line_is_the_curve_to_within_the_straightening(
     kept = np.array([kept_velocity(v, direction, plant) for v in velocities])
     off = np.abs(height(curve, kept) - height(line, velocities))
     near_a_jump = np.abs(velocities[:, None] - line[:, 0]).min(axis=1) < 1e-9
-    assert np.all(off[~near_a_jump] <= 3 * straightening(HORIZON))
+    assert np.all(off[~near_a_jump] <= 3 * straightening(HORIZON, plant))
 
 
 @given(seed=seeds, tolerance=st.floats(1e-6, 1e-2), size=st.integers(1, 60))

@@ -5,6 +5,7 @@ import resource
 import shutil
 import subprocess
 import tempfile
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,8 @@ def test_a_damaged_kernel_is_compiled_anew_and_replaced(source: Path, tmp_path: 
     run(source, folder, *PUSH)
     whole = {kernel: kernel.stat().st_size for kernel in kernels(folder)}
     hows = ["empty", "truncated", "a flipped bit", "foreign"]
-    for kernel, how in zip(whole, hows, strict=True):
+    assert len(whole) >= len(hows)
+    for kernel, how in zip(whole, cycle(hows), strict=False):
         damage(kernel, how)
 
     assert pushes(run(source, folder, *PUSH))

@@ -417,8 +417,7 @@ def test_where_no_model_covers_it_those_that_exist_are_named_with_what_they_cove
         several.covering(system, horizon)
 
     message = str(refusal.value)
-    assert str(horizon) in message
-    assert str(system.static_friction) in message
+    assert message.startswith(f"no model was trained for this plant and horizon {horizon}")
     for model in several.models:
         assert f"{model.label} for plants with {model.manifest.plants}" in message
 

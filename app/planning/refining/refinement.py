@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from app.compilation import compiled
-from app.planning.arrays import BoolArray, FloatArray, IntArray, copy_into
+from app.planning.arrays import BoolArray, FloatArray, IntArray
 from app.planning.objectives import STUCK_STEPS, TERMINAL_ERROR, TOLERANCE, Objective
 from app.planning.options import Options
 from app.planning.plant.task import Task
@@ -126,8 +126,11 @@ def refine(
         if scores.errors.min() > bound.floor + AT_THE_FLOOR:
             traced = trace(problem, bound, stop)
             error, spent = arrive(traced, task, iterations, stop.flag)
-            _take_over(refined, scores, chosen, traced, error)
             rollouts += spent
+            worst = chosen[np.argmax(scores.errors[chosen])]
+            if error < scores.errors[worst]:
+                refined[worst], scores.errors[worst] = traced, error
+                scores.replaced[worst] = True
     arrived = np.flatnonzero(scores.errors <= scores.errors.min() + TOLERANCE)
     if objective.sum_of_squares:
         differences = objective.sum_of_squares == "differences"
@@ -177,15 +180,3 @@ def _descend(
         if (errors[i] <= EXACT and one_is_enough) or stopped[0]:
             break
     return errors_before, chosen, rollouts
-
-
-@compiled
-def _take_over(
-    controls: FloatArray, scores: Scores, chosen: IntArray, other: FloatArray, error: float
-) -> None:
-    """Put `other` (H,) in the place of the worst chosen candidate, if it ends nearer."""
-    errors, replaced = scores.errors, scores.replaced
-    worst = chosen[np.argmax(errors[chosen])]
-    if error < errors[worst]:
-        copy_into(controls[worst], other)
-        errors[worst], replaced[worst] = error, True

@@ -29,14 +29,26 @@ class Friction(NamedTuple):
     """f_c, m/s^2."""
     damping: float
     """b, 1/s."""
+    breakaway: float
+    """What opposes the first step from rest, m/s^2."""
 
 
 @compiled
 def friction_of(direction: float, plant: Plant) -> Friction:
     """Return what opposes motion in a `direction`, forward (> 0) or backward."""
     if direction > 0.0:
-        return Friction(plant.static_forward, plant.coulomb_forward, plant.damping_forward)
-    return Friction(plant.static_backward, plant.coulomb_backward, plant.damping_backward)
+        return Friction(
+            plant.static_forward,
+            plant.coulomb_forward,
+            plant.damping_forward,
+            plant.breakaway_forward,
+        )
+    return Friction(
+        plant.static_backward,
+        plant.coulomb_backward,
+        plant.damping_backward,
+        plant.breakaway_backward,
+    )
 
 
 @compiled
@@ -91,19 +103,22 @@ def take_step(velocity: float, control: float, plant: Plant) -> Step:
         if -plant.static_backward <= accelerated <= plant.static_forward:
             return Step(STUCK, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         direction = math.copysign(1.0, accelerated)
-        friction = friction_of(direction, plant)
-        drag = direction * (friction.coulomb + weakening(0.0, friction, plant))
+        drag = plant.breakaway_forward if accelerated > 0.0 else -plant.breakaway_backward
         free = velocity + time_step * (accelerated - drag)
         by_control = time_step * plant.control_gain
         return Step(BREAKING_AWAY, direction, free, free, 1.0, 1.0, by_control)
     direction = math.copysign(1.0, velocity)
-    friction = friction_of(direction, plant)
-    excess = weakening(abs(velocity), friction, plant)
-    drag = direction * (friction.coulomb + excess)
-    free = velocity + time_step * (accelerated - drag - friction.damping * velocity)
-    retained = 1.0 - friction.damping * time_step
-    if excess > 0.0:
+    # Of both directions, and then of one: a rollout waits for nothing but each step's velocity.
+    forward = accelerated - plant.coulomb_forward - plant.damping_forward * velocity
+    backward = accelerated + plant.coulomb_backward - plant.damping_backward * velocity
+    slid = forward if velocity > 0.0 else backward
+    damping = plant.damping_forward if velocity > 0.0 else plant.damping_backward
+    retained = 1.0 - damping * time_step
+    if plant.stribeck_velocity > 0.0:
+        excess = weakening(abs(velocity), friction_of(direction, plant), plant)
+        slid -= direction * excess
         retained += time_step * excess * 2.0 * abs(velocity) / plant.stribeck_velocity**2
+    free = velocity + time_step * slid
     if free * direction <= 0.0:
         return Step(STOPPING, direction, free, 0.0, retained, 0.0, 0.0)
     by_control = time_step * plant.control_gain
@@ -200,10 +215,9 @@ def breaking_away(direction: float, plant: Plant) -> Regime:
     Its slow end belongs to the control that just does not break away, if that is admissible.
     """
     friction = friction_of(direction, plant)
-    drag = friction.coulomb + weakening(0.0, friction, plant)
     pull, push = _accelerations(direction, plant)
-    slow = plant.time_step * (max(friction.static, pull) - drag)
-    fast = plant.time_step * (push - drag)
+    slow = plant.time_step * (max(friction.static, pull) - friction.breakaway)
+    fast = plant.time_step * (push - friction.breakaway)
     if push <= friction.static:
         return Regime(1.0, math.inf, -math.inf)
     return Regime(1.0, slow, fast) if direction > 0.0 else Regime(1.0, -fast, -slow)
@@ -246,7 +260,7 @@ def velocity_that_keeps(kept: float, direction: float, plant: Plant) -> float:
     """Return the velocity of which `kept_velocity` is `kept`, m/s, by bisection."""
     friction = friction_of(direction, plant)
     retained = 1.0 - friction.damping * plant.time_step
-    lost = plant.time_step * weakening(0.0, friction, plant)
+    lost = plant.time_step * (friction.breakaway - friction.coulomb)
     if lost == 0.0 or math.isinf(kept):
         return kept / retained
     low, high = kept / retained, (kept + direction * lost) / retained
@@ -273,8 +287,7 @@ def control_towards(next_velocity: float, velocity: float, plant: Plant) -> floa
         if next_velocity == 0.0:
             return holding_control(plant)
         direction = math.copysign(1.0, change)
-        friction = friction_of(direction, plant)
-        change += direction * (friction.coulomb + weakening(0.0, friction, plant))
+        change += direction * friction_of(direction, plant).breakaway
         control = (change - plant.bias) / plant.control_gain
         least = breakaway_controls(plant)
         control = max(control, least.high) if direction > 0.0 else min(control, least.low)

@@ -27,6 +27,9 @@ class Plant(NamedTuple):
     coulomb_backward: float
     damping_forward: float
     damping_backward: float
+    breakaway_forward: float
+    """What opposes the first step from rest: Coulomb friction, or with Stribeck's effect static."""
+    breakaway_backward: float
     stribeck_velocity: float
     """0: dry friction is Coulomb friction from the first motion on."""
     bias: float
@@ -123,6 +126,7 @@ class System(Options):
         """The parameters as the kernels take them."""
         static_forward, static_backward = _both_ways(self.static_friction)
         coulomb_forward, coulomb_backward = _both_ways(self.coulomb_friction)
+        weakens = self.stribeck_velocity is not None
         damping_forward, damping_backward = _both_ways(self.viscous_damping)
         if isinstance(self.control_limit, ControlLimits):
             lowest, highest = self.control_limit.lower, self.control_limit.upper
@@ -135,6 +139,8 @@ class System(Options):
             coulomb_backward=coulomb_backward,
             damping_forward=damping_forward,
             damping_backward=damping_backward,
+            breakaway_forward=static_forward if weakens else coulomb_forward,
+            breakaway_backward=static_backward if weakens else coulomb_backward,
             stribeck_velocity=float(self.stribeck_velocity or 0.0),
             bias=float(self.bias),
             control_gain=float(self.control_gain),

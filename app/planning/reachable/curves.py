@@ -10,7 +10,7 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
-from app.planning.plant.friction import friction_of, kept_velocity, weakening
+from app.planning.plant.friction import friction_of, kept_velocity
 from app.planning.plant.system import Plant
 from app.planning.reachable.polylines import Piece, with_vertex
 
@@ -32,11 +32,9 @@ def straightening(horizon: int, plant: Plant) -> float:
     """
     if plant.stribeck_velocity == 0.0:
         return 0.0
-    lost = max(
-        weakening(0.0, friction_of(1.0, plant), plant),
-        weakening(0.0, friction_of(-1.0, plant), plant),
-    )
-    bend = plant.time_step * lost * _STEEPEST_BEND * _steepest(horizon, plant)
+    forward, backward = friction_of(1.0, plant), friction_of(-1.0, plant)
+    excess = max(forward.static - forward.coulomb, backward.static - backward.coulomb)
+    bend = plant.time_step * excess * _STEEPEST_BEND * _steepest(horizon, plant)
     return max(STRAIGHT / (2.0 * horizon), bend * (_FADED / _MAX_PARTS) ** 2 / 8.0)
 
 
@@ -66,7 +64,8 @@ def _bent_line(line: FloatArray, direction: float, horizon: int, plant: Plant) -
     times the slope dy/dw, w = kept(v), in y.
     """
     friction, scale = friction_of(direction, plant), plant.stribeck_velocity
-    bend = plant.time_step * weakening(0.0, friction, plant) * _STEEPEST_BEND / scale**2
+    excess = friction.static - friction.coulomb
+    bend = plant.time_step * excess * _STEEPEST_BEND / scale**2
     line = with_vertex(line, direction * _FADED * scale)
     steps = np.ones(line.shape[0], dtype=np.int64)
     for i in range(line.shape[0] - 1):

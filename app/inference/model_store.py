@@ -104,7 +104,7 @@ class ModelStore:
                 return model
         there_are = "; ".join(f"{model.label} for {model.coverage}" for model in self.models)
         raise UnfitModel(
-            f"no model was trained for this plant and horizon {horizon}; "
+            f"no model was trained for this plant and horizon {horizon} (other methods need none); "
             f"there are: {there_are or 'none'}"
         )
 

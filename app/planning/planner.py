@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from time import perf_counter
 
 import numpy as np
@@ -47,10 +46,9 @@ def plan(
     controls = np.clip(proposal.controls, plant.lowest_control, plant.highest_control)
     proposed = perf_counter()
 
-    measure = cache(lambda: reachability(problem, stop))
     refined, cost, error_limit = None, recipe.unrefined.cost(), math.inf
     if recipe.refinement:
-        refined = refine(problem, controls, recipe.refinement, recipe.objective, stop, measure)
+        refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
         controls, cost = refined.controls, cost + Cost(rollouts=refined.rollouts)
         error_limit = float(refined.errors_before.min()) + EXACT
     refined_at = perf_counter()
@@ -59,7 +57,9 @@ def plan(
     errors = terminal_error(states[:, -1], problem.target_state)
     best = best_candidate(problem, controls, states, errors, recipe.objective, error_limit)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
-    bound = measure() if recipe.reachability else None
+    bound = None
+    if recipe.reachability:
+        bound = (refined and refined.reachability) or reachability(problem, stop)
     measured = perf_counter()
 
     return Plan(

@@ -6,7 +6,6 @@ from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.objectives import OBJECTIVES
 from app.planning.planner import plan
 from app.planning.problem import Problem
-from app.planning.reachable.reachability import reachability
 from app.planning.reachable.trace import trace
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
@@ -24,7 +23,7 @@ def make_refined_plans() -> None:
 def make_bounded_plan() -> None:
     """Plan with the reachable set, and out of it."""
     plan(_PROBLEM, Recipe(DatasetPrior(), 2, reachability=True), np.random.default_rng(0))
-    trace(_PROBLEM, reachability(_PROBLEM))
+    trace(_PROBLEM)
 
 
 def make_plans() -> None:

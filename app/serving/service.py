@@ -95,8 +95,8 @@ class PlanningService:
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
         repairs = recipe.refinement is not None and recipe.refinement.repair
-        # Once for the floor, and once more for a plan that is traced back.
-        num_sets = int(recipe.reachability or repairs) + int(repairs)
+        # Twice as long where a plan is traced back.
+        num_sets = 2 if repairs else int(recipe.reachability)
         work = Work(
             recipe.num_candidates * cost.network_evaluations * num_targets,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,

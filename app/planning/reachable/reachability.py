@@ -108,22 +108,34 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     Raises:
         Stopped: `stop` said so.
     """
-    start, target = problem.initial_state, problem.target_state
-    scale = max(1.0, float(np.abs(start).max()), float(np.abs(target).max()))
-    # In displacements from the start, so that its size costs no digits.
-    task = problem.task
-    displaced = task._replace(position=0.0, target_position=task.target_position - task.position)
-    straightened = 2.0 * problem.horizon * straightening(problem.horizon, task.plant)
-    tolerance = REACHABLE_WITHIN * scale + straightened
-    first, found = _propagate(displaced, problem.horizon, tolerance, stop.flag)
+    first, found = _measure(displaced(problem), problem.horizon, tolerance(problem), stop.flag)
     stop.check()
+    return described(problem, first, found)
+
+
+def displaced(problem: Problem) -> Task:
+    """Return the task in displacements from the start, so that its size costs no digits."""
+    task = problem.task
+    return task._replace(position=0.0, target_position=task.target_position - task.position)
+
+
+def tolerance(problem: Problem) -> float:
+    """Return how near to the reachable set a target counts as in it."""
+    states = problem.initial_state, problem.target_state
+    scale = max(1.0, *(float(np.abs(state).max()) for state in states))
+    straightened = 2.0 * problem.horizon * straightening(problem.horizon, problem.task.plant)
+    return REACHABLE_WITHIN * scale + straightened
+
+
+def described(problem: Problem, first: int, found: "Found") -> Reachability:
+    """Return what was found of a problem, from what `propagate` says of its displacements."""
     nearest = found.state
-    reachable = nearest.distance <= tolerance
+    reachable = nearest.distance <= tolerance(problem)
     return Reachability(
         reachable=reachable,
         floor=nearest.distance,
         floor_error=found.inexact,
-        nearest_state=np.array([start[0] + nearest.y, nearest.v]),
+        nearest_state=np.array([problem.initial_state[0] + nearest.y, nearest.v]),
         nearest_steps=found.steps,
         minimum_steps=first if reachable else None,
     )
@@ -138,11 +150,29 @@ class Found(NamedTuple):
     """How far that state may be from a true one, m."""
 
 
+class Sets(NamedTuple):
+    """The reachable sets of all steps, one after the other."""
+
+    uppers: list[FloatArray]
+    lowers: list[FloatArray]
+    """Of all pieces."""
+    rests: list[FloatArray]
+    """One array a step."""
+    begins: list[int]
+    """Where the pieces of each step begin, and of one more."""
+
+
 @compiled
-def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Found]:
+def _measure(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Found]:
+    first, best, _ = propagate(task, horizon, tolerance, stopped)
+    return first, best
+
+
+@compiled
+def propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Found, Sets]:
     """Return the first step within `tolerance` (-1: none), and the state that a plan can end in.
 
-    Positions start at zero.
+    Positions start at zero. Also returns the sets on the way there.
     """
     target_p, target_v = task.target_position, task.target_velocity
     # What is reached from a standstill is its own mirror image: half of it tells all.
@@ -150,14 +180,21 @@ def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tup
     departs = departs_from_rest(task)
     may_wait = departs or (can_rest(task.plant) and target_v == 0.0)
     states = start_of(task)
+    uppers, lowers = states.pieces.uppers.copy(), states.pieces.lowers.copy()
+    sets = Sets(uppers, lowers, [states.rests], [0, len(uppers)])
     first, best = -1, Found(Nearest(math.inf, 0.0, 0.0), 0, 0.0)
     for n in range(horizon + 1):
         if stopped[0]:
             break
         if n > 0:
             states = advance(states, symmetric, horizon, task.plant)
-        if n == 1 and departs:
-            states = without_rests(states)
+            if n == 1 and departs:
+                # One step after a start at rest, those states that have left it.
+                states = ReachableSet(states.pieces, np.empty((0, 2)), states.inexact)
+            uppers.extend(states.pieces.uppers)
+            lowers.extend(states.pieces.lowers)
+            sets.rests.append(states.rests)
+            sets.begins.append(len(uppers))
         # Without waiting only the last set counts, the others for the fewest steps alone.
         counts = departs or n == horizon
         within = best.state.distance if counts else tolerance
@@ -173,19 +210,13 @@ def _propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tup
             best = Found(nearest, n, states.inexact)
         if arrives and may_wait:
             break
-    return first, best
+    return first, best, sets
 
 
 @compiled
 def departs_from_rest(task: Task) -> bool:
     """Return whether all waiting may be done at the start, before the mass leaves it."""
     return task.velocity == 0.0 and can_rest(task.plant)
-
-
-@compiled
-def without_rests(states: ReachableSet) -> ReachableSet:
-    """Return the states that move: one step after a start at rest, those that have left it."""
-    return ReachableSet(states.pieces, np.empty((0, 2)), states.inexact)
 
 
 @compiled

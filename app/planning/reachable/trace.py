@@ -27,17 +27,20 @@ from app.planning.problem import Problem
 from app.planning.reachable.curves import STRAIGHT
 from app.planning.reachable.polylines import Piece, deepest, mirrored
 from app.planning.reachable.reachability import (
+    Found,
     Reachability,
-    departs_from_rest,
-    start_of,
-    without_rests,
+    Sets,
+    described,
+    displaced,
+    propagate,
+    tolerance,
 )
-from app.planning.reachable.regimes import DIRECTIONS, advance
+from app.planning.reachable.regimes import DIRECTIONS
 from app.planning.stop import NEVER, Flag, Stop
 
 
-def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArray:
-    """Return controls (H,) that end in `bound.nearest_state`, to within rounding.
+def trace(problem: Problem, stop: Stop = NEVER) -> tuple[Reachability, FloatArray]:
+    """Return what can be reached, and controls (H,) that end in the nearest state of it.
 
     Backward in time a step's next velocity w gives its predecessor's position at once, since
     p' = p + dt*w; of the velocities v that the set holds there, and from which some control leads
@@ -49,23 +52,19 @@ def trace(problem: Problem, bound: Reachability, stop: Stop = NEVER) -> FloatArr
 
     Args:
         problem: start, target, plant and horizon H.
-        bound: of the same problem.
         stop: ends it early.
 
     Raises:
         Stopped: `stop` said so.
     """
-    task = problem.task
-    steps = bound.nearest_steps
-    end_p, end_v = bound.nearest_state
-    displaced = task._replace(position=0.0, target_position=end_p - task.position)
-    displaced = displaced._replace(target_velocity=end_v)
-    moving = _trace(displaced, steps, stop.flag)
+    first, found, moving = _reach_and_trace(
+        displaced(problem), problem.horizon, tolerance(problem), stop.flag
+    )
     stop.check()
-    controls = np.full(problem.horizon, holding_control(task.plant))
-    begin = problem.horizon - steps if task.velocity == 0.0 else 0
-    controls[begin : begin + steps] = moving
-    return controls
+    controls = np.full(problem.horizon, holding_control(problem.task.plant))
+    begin = problem.horizon - found.steps if problem.task.velocity == 0.0 else 0
+    controls[begin : begin + found.steps] = moving
+    return described(problem, first, found), controls
 
 
 ROUNDING = 1e-10
@@ -74,18 +73,6 @@ SLACKS = (0.0, ROUNDING, 1e-6)
 """By which windows of velocities are wider than they are, relative."""
 OUTSIDE = 1e-9
 """This far outside of the set, m, a state counts as in it."""
-
-
-class _Sets(NamedTuple):
-    """The reachable sets of all steps, one after the other."""
-
-    uppers: list[FloatArray]
-    lowers: list[FloatArray]
-    """Of all pieces."""
-    rests: list[FloatArray]
-    """One array a step."""
-    begins: list[int]
-    """Where the pieces of each step begin, and of one more."""
 
 
 class _Way(NamedTuple):
@@ -97,48 +84,30 @@ class _Way(NamedTuple):
 
 
 @compiled
-def _trace(task: Task, steps: int, stopped: Flag) -> FloatArray:
-    """Return the controls (N,) that lead to the target in N `steps`; positions start at zero."""
+def _reach_and_trace(
+    task: Task, horizon: int, tolerance: float, stopped: Flag
+) -> tuple[int, Found, FloatArray]:
+    """Return what `propagate` does, and the controls that lead to the state that it found."""
     plant = task.plant
     symmetric = task.velocity == 0.0 and is_symmetric(plant)
-    sets = _propagate(task, steps, symmetric, stopped)
-    velocities = np.empty(steps + 1)
-    velocities[steps] = task.target_velocity
-    position = task.target_position
-    for n in range(steps - 1, -1, -1):
+    first, found, sets = propagate(task, horizon, tolerance, stopped)
+    velocities, controls = np.empty(found.steps + 1), np.zeros(found.steps)
+    position, velocities[found.steps] = found.state.y, found.state.v
+    for n in range(found.steps - 1, -1, -1):
         if stopped[0]:
-            return np.zeros(steps)
+            return first, found, controls
         position -= plant.time_step * velocities[n + 1]
         velocities[n] = _predecessor(sets, n, position, velocities[n + 1], symmetric, plant)
-    controls = np.empty(steps)
     velocity = task.velocity
-    for n in range(steps):
+    for n in range(found.steps):
         controls[n] = control_towards(velocities[n + 1], velocity, plant)
         velocity = take_step(velocity, controls[n], plant).next_velocity
-    return controls
-
-
-@compiled
-def _propagate(task: Task, steps: int, symmetric: bool, stopped: Flag) -> _Sets:
-    states, departs = start_of(task), departs_from_rest(task)
-    uppers, lowers = states.pieces.uppers.copy(), states.pieces.lowers.copy()
-    rests, begins = [states.rests], [0, len(uppers)]
-    for n in range(1, steps):
-        if stopped[0]:
-            break
-        states = advance(states, symmetric, steps, task.plant)
-        if n == 1 and departs:
-            states = without_rests(states)
-        uppers.extend(states.pieces.uppers)
-        lowers.extend(states.pieces.lowers)
-        rests.append(states.rests)
-        begins.append(len(uppers))
-    return _Sets(uppers, lowers, rests, begins)
+    return first, found, controls
 
 
 @compiled
 def _predecessor(
-    sets: _Sets, n: int, position: float, after: float, symmetric: bool, plant: Plant
+    sets: Sets, n: int, position: float, after: float, symmetric: bool, plant: Plant
 ) -> float:
     """Return a velocity at step `n` and `position` from which a step leads to velocity `after`.
 

@@ -5,7 +5,6 @@ them is in gauss_newton.py, other motions in repair.py, energy and smoothness in
 stuck steps in waiting.py.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -18,7 +17,7 @@ from app.planning.objectives import STUCK_STEPS, TERMINAL_ERROR, TOLERANCE, Obje
 from app.planning.options import Options
 from app.planning.plant.task import Task
 from app.planning.problem import Cost, Problem
-from app.planning.reachable.reachability import Reachability, reachability
+from app.planning.reachable.reachability import Reachability
 from app.planning.reachable.trace import trace
 from app.planning.refining.gauss_newton import EXACT, arrive, terminal_error_of
 from app.planning.refining.null_space import descend
@@ -73,6 +72,8 @@ class Refined:
     """(K,), whether a traced plan took the candidate's place."""
     rollouts: int
     """Rollouts spent, of the whole horizon or a part of it."""
+    reachability: Reachability | None
+    """Of the problem, where it was worked out on the way."""
 
 
 def refine(
@@ -81,7 +82,6 @@ def refine(
     options: Refinement,
     objective: Objective = TERMINAL_ERROR,
     stop: Stop = NEVER,
-    measure: Callable[[], Reachability] | None = None,
 ) -> Refined:
     """Lower the terminal errors of candidates `controls` (K, H), clipped to the bounds first.
 
@@ -107,7 +107,6 @@ def refine(
         options: how much to spend.
         objective: what to want among plans that arrive.
         stop: ends the refinement early.
-        measure: returns the problem's reachability, if somebody else wants to know it as well.
 
     Raises:
         Stopped: `stop` said so.
@@ -121,10 +120,10 @@ def refine(
     errors_before, chosen, rollouts = _descend(
         refined, scores, task, iterations, num_refined, one_is_enough, stop.flag
     )
+    bound = None
     if options.repair and scores.errors.min() > EXACT:
-        bound = (measure or (lambda: reachability(problem, stop)))()
+        bound, traced = trace(problem, stop)
         if scores.errors.min() > bound.floor + AT_THE_FLOOR:
-            traced = trace(problem, bound, stop)
             error, spent = arrive(traced, task, iterations, stop.flag)
             rollouts += spent
             worst = chosen[np.argmax(scores.errors[chosen])]
@@ -141,7 +140,7 @@ def refine(
         refined[arrived], scores.errors[arrived] = wait_at_the_end(problem, refined[arrived])
         rollouts += WAITING_ROLLOUTS * len(arrived)
     stop.check()
-    return Refined(refined, errors_before, scores.errors, scores.replaced, rollouts)
+    return Refined(refined, errors_before, scores.errors, scores.replaced, rollouts, bound)
 
 
 class Scores(NamedTuple):

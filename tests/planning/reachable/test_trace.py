@@ -72,9 +72,7 @@ def test_a_traced_plan_ends_on_the_floor(
     plant: str, p0: float, v0: float, p1: float, v1: float, horizon: int
 ) -> None:
     problem = scaled_problem(plant, p0, v0, p1, v1, horizon)
-    bound = reachability(problem)
-
-    controls = trace(problem, bound)
+    bound, controls = trace(problem)
 
     assert controls.shape == (horizon,)
     plant_limits = problem.system.plant

@@ -85,8 +85,8 @@ def test_a_plant_that_no_model_covers_is_refused_with_all_that_is_covered(
         service.resolve(request(system="emps", horizon=HORIZON))
 
     assert str(refusal.value) == (
-        f"no model was trained for this plant and horizon {HORIZON}; there are: "
-        f"nominal/1 for plants with {PlantRange.only(System())}, and horizon {HORIZON}; "
+        f"no model was trained for this plant and horizon {HORIZON} (other methods need none); "
+        f"there are: nominal/1 for plants with {PlantRange.only(System())}, and horizon {HORIZON}; "
         f"stiff/1 for plants with {STIFF}, and horizon {HORIZON}"
     )
 

@@ -264,8 +264,11 @@ def velocity_that_keeps(kept: float, direction: float, plant: Plant) -> float:
     if lost == 0.0 or math.isinf(kept):
         return kept / retained
     low, high = kept / retained, (kept + direction * lost) / retained
-    if direction < 0.0:
-        low, high = high, low
+    # It grows with velocities in its direction only: none is on the other side of rest.
+    if direction > 0.0:
+        low, high = max(low, 0.0), max(high, 0.0)
+    else:
+        low, high = min(high, 0.0), min(low, 0.0)
     for _ in range(MAX_HALVINGS):
         middle = 0.5 * (low + high)
         if kept_velocity(middle, direction, plant) < kept:

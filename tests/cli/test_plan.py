@@ -121,7 +121,8 @@ def test_what_the_service_refuses_is_named_by_its_option(
             {"system": "emps"},
             "/system: no model was trained for this plant and horizon 64 (other methods need "
             "none); there are: tiny/1 for plants with static_friction 0.7, "
-            "coulomb_friction 0.6, viscous_damping 0.05, control_limit 0.9, time_step 0.05, velocity_threshold 0.001, the same both ways, "
+            "coulomb_friction 0.6, viscous_damping 0.05, control_limit 0.9, time_step 0.05, "
+            "velocity_threshold 0.001, the same both ways, "
             "without bias, gain or Stribeck effect, and horizon 64",
         ),
         ({"system": {"static_friction": 0.65}}, "/system: no model was trained for"),

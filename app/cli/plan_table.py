@@ -52,12 +52,13 @@ def _by_segment(request: MultistepPlanRequest, answer: MultistepPlanResponse) ->
         {measure.name: measure for measure in _measures(segment, answer.control_unit)}
         for segment in answer.segments
     ]
-    # All that some row has, in the order of the longest.
-    for measure in max(rows, key=len).values():
+    # The longest has all that some row has.
+    longest = max(rows, key=len)
+    for measure in longest.values():
         heading = "\n".join([*measure.name.split(), *wrap(measure.unit, HEADING_WIDTH)])
         table.add_column(heading, justify="right", vertical="bottom")
     for target, row in zip(request.targets, rows, strict=True):
-        texts = [row[name].text if name in row else "0" for name in max(rows, key=len)]
+        texts = [row[name].text if name in row else "0" for name in longest]
         table.add_row("{:g}, {:g}".format(*target), *texts)
     return table
 

@@ -1,6 +1,7 @@
 """The random tasks, and the seeds of requests: by the suite's seed alone, never by method or K."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -63,6 +64,7 @@ class Scale(NamedTuple):
     """Half of the difference between the velocities there, m/s (or rad/s)."""
 
 
+@cache
 def scale_of(system: System) -> Scale:
     """Return how far full control both ways takes a mass from rest in the default horizon."""
     full = np.array([[system.plant.lowest_control], [system.plant.highest_control]])

@@ -67,13 +67,14 @@ def _bent_line(line: FloatArray, direction: float, horizon: int, plant: Plant) -
     excess = friction.static - friction.coulomb
     bend = plant.time_step * excess * _STEEPEST_BEND / scale**2
     line = with_vertex(line, direction * _FADED * scale)
+    steepest, loss = _steepest(horizon, plant), straightening(horizon, plant)
     steps = np.ones(line.shape[0], dtype=np.int64)
     for i in range(line.shape[0] - 1):
         v0, v1 = line[i, 0], line[i + 1, 0]
         kept = kept_velocity(v1, direction, plant) - kept_velocity(v0, direction, plant)
         if kept > 0.0 and max(abs(v0), abs(v1)) <= _FADED * scale:
-            slope = min(_steepest(horizon, plant), abs(line[i + 1, 1] - line[i, 1]) / kept)
-            parts = (v1 - v0) * math.sqrt(slope * bend / (8.0 * straightening(horizon, plant)))
+            slope = min(steepest, abs(line[i + 1, 1] - line[i, 1]) / kept)
+            parts = (v1 - v0) * math.sqrt(slope * bend / (8.0 * loss))
             steps[i] = max(1, math.ceil(parts))
     curve = np.empty((steps[:-1].sum() + 1, 2))
     m = 0

@@ -108,9 +108,10 @@ def reachability(problem: Problem, stop: Stop = NEVER) -> Reachability:
     Raises:
         Stopped: `stop` said so.
     """
-    first, found = _measure(displaced(problem), problem.horizon, tolerance(problem), stop.flag)
+    within = tolerance_of(problem)
+    first, found = _measure(displaced(problem), problem.horizon, within, stop.flag)
     stop.check()
-    return described(problem, first, found)
+    return described(problem, within, first, found)
 
 
 def displaced(problem: Problem) -> Task:
@@ -119,7 +120,7 @@ def displaced(problem: Problem) -> Task:
     return task._replace(position=0.0, target_position=task.target_position - task.position)
 
 
-def tolerance(problem: Problem) -> float:
+def tolerance_of(problem: Problem) -> float:
     """Return how near to the reachable set a target counts as in it."""
     states = problem.initial_state, problem.target_state
     scale = max(1.0, *(float(np.abs(state).max()) for state in states))
@@ -127,10 +128,10 @@ def tolerance(problem: Problem) -> float:
     return REACHABLE_WITHIN * scale + straightened
 
 
-def described(problem: Problem, first: int, found: "Found") -> Reachability:
+def described(problem: Problem, within: float, first: int, found: "Found") -> Reachability:
     """Return what was found of a problem, from what `propagate` says of its displacements."""
     nearest = found.state
-    reachable = nearest.distance <= tolerance(problem)
+    reachable = nearest.distance <= within
     return Reachability(
         reachable=reachable,
         floor=nearest.distance,
@@ -164,22 +165,27 @@ class Sets(NamedTuple):
 
 @compiled
 def _measure(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Found]:
-    first, best, _ = propagate(task, horizon, tolerance, stopped)
+    # The sets of a long horizon take a lot of memory, and the floor needs the last one alone.
+    first, best, _ = propagate(task, horizon, tolerance, False, stopped)
     return first, best
 
 
 @compiled
-def propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tuple[int, Found, Sets]:
+def propagate(
+    task: Task, horizon: int, tolerance: float, keeps: bool, stopped: Flag
+) -> tuple[int, Found, Sets]:
     """Return the first step within `tolerance` (-1: none), and the state that a plan can end in.
 
-    Positions start at zero. Also returns the sets on the way there.
+    Positions start at zero. Also returns the sets on the way there, if it `keeps` them, or the
+    first of them alone.
     """
     target_p, target_v = task.target_position, task.target_velocity
     # What is reached from a standstill is its own mirror image: half of it tells all.
     symmetric = task.velocity == 0.0 and is_symmetric(task.plant)
-    departs = departs_from_rest(task)
+    # All waiting may be done at the start then, before the mass leaves it.
+    departs = task.velocity == 0.0 and can_rest(task.plant)
     may_wait = departs or (can_rest(task.plant) and target_v == 0.0)
-    states = start_of(task)
+    states = _start_of(task)
     uppers, lowers = states.pieces.uppers.copy(), states.pieces.lowers.copy()
     sets = Sets(uppers, lowers, [states.rests], [0, len(uppers)])
     first, best = -1, Found(Nearest(math.inf, 0.0, 0.0), 0, 0.0)
@@ -191,10 +197,11 @@ def propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tupl
             if n == 1 and departs:
                 # One step after a start at rest, those states that have left it.
                 states = ReachableSet(states.pieces, np.empty((0, 2)), states.inexact)
-            uppers.extend(states.pieces.uppers)
-            lowers.extend(states.pieces.lowers)
-            sets.rests.append(states.rests)
-            sets.begins.append(len(uppers))
+            if keeps:
+                uppers.extend(states.pieces.uppers)
+                lowers.extend(states.pieces.lowers)
+                sets.rests.append(states.rests)
+                sets.begins.append(len(uppers))
         # Without waiting only the last set counts, the others for the fewest steps alone.
         counts = departs or n == horizon
         within = best.state.distance if counts else tolerance
@@ -214,13 +221,7 @@ def propagate(task: Task, horizon: int, tolerance: float, stopped: Flag) -> tupl
 
 
 @compiled
-def departs_from_rest(task: Task) -> bool:
-    """Return whether all waiting may be done at the start, before the mass leaves it."""
-    return task.velocity == 0.0 and can_rest(task.plant)
-
-
-@compiled
-def start_of(task: Task) -> ReachableSet:
+def _start_of(task: Task) -> ReachableSet:
     """Return the set of the initial state alone, at position zero."""
     pieces = no_pieces()
     if task.velocity == 0.0:

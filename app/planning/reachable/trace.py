@@ -33,7 +33,7 @@ from app.planning.reachable.reachability import (
     described,
     displaced,
     propagate,
-    tolerance,
+    tolerance_of,
 )
 from app.planning.reachable.regimes import DIRECTIONS
 from app.planning.stop import NEVER, Flag, Stop
@@ -57,14 +57,13 @@ def trace(problem: Problem, stop: Stop = NEVER) -> tuple[Reachability, FloatArra
     Raises:
         Stopped: `stop` said so.
     """
-    first, found, moving = _reach_and_trace(
-        displaced(problem), problem.horizon, tolerance(problem), stop.flag
-    )
+    within = tolerance_of(problem)
+    first, found, moving = _reach_and_trace(displaced(problem), problem.horizon, within, stop.flag)
     stop.check()
     controls = np.full(problem.horizon, holding_control(problem.task.plant))
     begin = problem.horizon - found.steps if problem.task.velocity == 0.0 else 0
     controls[begin : begin + found.steps] = moving
-    return described(problem, first, found), controls
+    return described(problem, within, first, found), controls
 
 
 ROUNDING = 1e-10
@@ -90,7 +89,7 @@ def _reach_and_trace(
     """Return what `propagate` does, and the controls that lead to the state that it found."""
     plant = task.plant
     symmetric = task.velocity == 0.0 and is_symmetric(plant)
-    first, found, sets = propagate(task, horizon, tolerance, stopped)
+    first, found, sets = propagate(task, horizon, tolerance, True, stopped)
     velocities, controls = np.empty(found.steps + 1), np.zeros(found.steps)
     position, velocities[found.steps] = found.state.y, found.state.v
     for n in range(found.steps - 1, -1, -1):

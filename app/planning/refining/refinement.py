@@ -6,7 +6,7 @@ stuck steps in waiting.py.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -114,60 +114,51 @@ def refine(
     plant = problem.system.plant
     task, iterations = problem.task, options.iterations
     refined = np.clip(controls, plant.lowest_control, plant.highest_control, dtype=np.float64)
-    scores = Scores(np.empty(len(refined)), np.zeros(len(refined), dtype=np.bool_))
+    replaced = np.zeros(len(refined), dtype=np.bool_)
     num_refined = min(options.num_refined or len(refined), len(refined))
     one_is_enough = objective is TERMINAL_ERROR
-    errors_before, chosen, rollouts = _descend(
-        refined, scores, task, iterations, num_refined, one_is_enough, stop.flag
+    errors_before, errors, chosen, rollouts = _descend(
+        refined, task, iterations, num_refined, one_is_enough, stop.flag
     )
     bound = None
-    if options.repair and scores.errors.min() > EXACT:
+    if options.repair and errors.min() > EXACT:
         bound, traced = trace(problem, stop)
-        if scores.errors.min() > bound.floor + AT_THE_FLOOR:
+        if errors.min() > bound.floor + AT_THE_FLOOR:
             error, spent = arrive(traced, task, iterations, stop.flag)
             rollouts += spent
-            worst = chosen[np.argmax(scores.errors[chosen])]
-            if error < scores.errors[worst]:
-                refined[worst], scores.errors[worst] = traced, error
-                scores.replaced[worst] = True
-    arrived = np.flatnonzero(scores.errors <= scores.errors.min() + TOLERANCE)
+            worst = chosen[np.argmax(errors[chosen])]
+            if error < errors[worst]:
+                refined[worst], errors[worst] = traced, error
+                replaced[worst] = True
+    arrived = np.flatnonzero(errors <= errors.min() + TOLERANCE)
     if objective.sum_of_squares:
         differences = objective.sum_of_squares == "differences"
         for i in arrived:
-            scores.errors[i], spent = descend(refined[i], task, differences, iterations, stop.flag)
+            errors[i], spent = descend(refined[i], task, differences, iterations, stop.flag)
             rollouts += spent
     elif objective is STUCK_STEPS:
-        refined[arrived], scores.errors[arrived] = wait_at_the_end(problem, refined[arrived])
+        refined[arrived], errors[arrived] = wait_at_the_end(problem, refined[arrived])
         rollouts += WAITING_ROLLOUTS * len(arrived)
     stop.check()
-    return Refined(refined, errors_before, scores.errors, scores.replaced, rollouts, bound)
-
-
-class Scores(NamedTuple):
-    """What is known of the candidates while they are refined; both (K,)."""
-
-    errors: FloatArray
-    """Terminal errors."""
-    replaced: BoolArray
-    """Whether a traced plan took the candidate's place."""
+    return Refined(refined, errors_before, errors, replaced, rollouts, bound)
 
 
 @compiled
 def _descend(
     controls: FloatArray,
-    scores: Scores,
     task: Task,
     iterations: int,
     num_refined: int,
     one_is_enough: bool,
     stopped: Flag,
-) -> tuple[FloatArray, IntArray, int]:
-    """Descend from `controls` (K, H) in place, and fill their scores.
+) -> tuple[FloatArray, FloatArray, IntArray, int]:
+    """Descend from `controls` (K, H) in place.
 
     Returns:
-        The terminal errors before, (K,), which candidates were chosen to descend, and the rollouts.
+        The terminal errors before and after, (K,) each, which candidates were chosen to descend,
+        and the rollouts.
     """
-    errors = scores.errors
+    errors = np.empty(len(controls))
     for i in range(len(controls)):
         errors[i] = terminal_error_of(controls[i], task)
     errors_before = errors.copy()
@@ -178,4 +169,4 @@ def _descend(
         rollouts += spent
         if (errors[i] <= EXACT and one_is_enough) or stopped[0]:
             break
-    return errors_before, chosen, rollouts
+    return errors_before, errors, chosen, rollouts

@@ -1,0 +1,94 @@
+"""A plant in its own units: time in steps, controls and accelerations by what full control makes.
+
+The dynamics know no metres, seconds or volts: two plants that are the same in these units move
+alike, and what is known of one is known of the other.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from app.planning.plant.system import Plant
+
+
+class NaturalUnits(NamedTuple):
+    """What one natural unit is in the plant's own, of a float plant or of one of (N,) arrays."""
+
+    middle: float
+    """Units of control: halfway between the limits, where natural control is 0."""
+    control: float
+    """Units of control: half of the way from limit to limit, so that the limits are -1 and 1."""
+    velocity: float
+    """m/s: what full control adds in a step, friction and bias apart."""
+    position: float
+    """m."""
+
+
+def natural_units(plant: Plant) -> NaturalUnits:
+    """Return a plant's natural units."""
+    middle = 0.5 * (plant.highest_control + plant.lowest_control)
+    half = 0.5 * (plant.highest_control - plant.lowest_control)
+    velocity = plant.control_gain * half * plant.time_step
+    return NaturalUnits(middle, half, velocity, velocity * plant.time_step)
+
+
+def in_natural_units(plant: Plant) -> Plant:
+    """Return the plant with gain 1, limits -1 and 1, and a time step of 1.
+
+    What the middle of the control range makes of the mass becomes a part of the bias. A control
+    `w` of the result is `middle + control * w` of `plant`, w in [-1, 1].
+    """
+    units = natural_units(plant)
+    step = plant.time_step
+    acceleration = units.velocity / step
+    return Plant(
+        static_forward=plant.static_forward / acceleration,
+        static_backward=plant.static_backward / acceleration,
+        coulomb_forward=plant.coulomb_forward / acceleration,
+        coulomb_backward=plant.coulomb_backward / acceleration,
+        damping_forward=plant.damping_forward * step,
+        damping_backward=plant.damping_backward * step,
+        breakaway_forward=plant.breakaway_forward / acceleration,
+        breakaway_backward=plant.breakaway_backward / acceleration,
+        stribeck_velocity=plant.stribeck_velocity / units.velocity,
+        bias=(plant.bias + plant.control_gain * units.middle) / acceleration,
+        control_gain=1.0,
+        lowest_control=-1.0,
+        highest_control=1.0,
+        time_step=1.0,
+        velocity_threshold=plant.velocity_threshold / units.velocity,
+    )
+
+
+SLOWEST = 1e-3
+"""Full control accelerates a mass that it hardly moves as if by so much, in natural units."""
+
+
+class Scales(NamedTuple):
+    """How far and how fast full control takes a mass, about; in the plant's own units."""
+
+    reach: float
+    """m: from rest to rest within the horizon, whichever way it is farther."""
+    speed: float
+    """m/s: the highest on that way."""
+
+
+def scales(plant: Plant, horizon: int) -> Scales:
+    """Return the scales of a plant and horizon H; of arrays (N,) where the plant's fields are.
+
+    In natural units full control accelerates the mass by a = 1 + bias - f_c, forward, and brakes it
+    by 2 - a. Without damping it rests again after H steps and (H^2/2) a (2 - a)/2, and was moving
+    with a H (2 - a)/2. Damping b divides both by about 1 + b H/4.
+    """
+    natural, units = in_natural_units(plant), natural_units(plant)
+    reach, speed = 0.0, 0.0
+    for push, damping in (
+        (natural.bias - natural.coulomb_forward, natural.damping_forward),
+        (-natural.bias - natural.coulomb_backward, natural.damping_backward),
+    ):
+        accelerating = np.clip(1.0 + push, SLOWEST, 2.0 - SLOWEST)
+        braking = 2.0 - accelerating
+        damped = 1.0 + 0.25 * damping * horizon
+        fastest = 0.5 * accelerating * braking * horizon / damped
+        speed, reach = np.maximum(speed, fastest), np.maximum(reach, 0.5 * fastest * horizon)
+    return Scales(units.position * reach, units.velocity * speed)

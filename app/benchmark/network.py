@@ -11,11 +11,13 @@ from app.inference.kernel import multiply
 from app.inference.model import Model
 from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
+from app.planning.methods.sampler import Sampler, SamplerSettings
 from app.planning.problem import Problem
 
 ROWS = (1, 2, 8, 16, 32, 64, 256, 1024)
 PRODUCT_SIZE = 2048
 TILE_PRODUCTS = 100
+ONE_STEP = Sampler("ddim", SamplerSettings(1, 1.0, first_time=1.0, last_time=0.0))
 
 
 def network(model: Model, reference: Reference, num_threads: int) -> Iterator[str]:
@@ -48,7 +50,7 @@ def _forward_pass(model: Model, rows: int) -> Callable[[], object]:
     horizon = model.manifest.horizon
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]), horizon=horizon)
     noise = np.random.default_rng(0).standard_normal((rows, horizon))
-    sampling = Sampling(Job(rows), model, problem, noise, "ddim", steps=1, guidance_scale=1.0)
+    sampling = Sampling(Job(rows), model, problem, noise, ONE_STEP)
     batch = sampling.take(rows)
     return lambda: model.network.predict(*batch)
 

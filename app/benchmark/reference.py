@@ -15,10 +15,11 @@ from torch.utils.flop_counter import FlopCounterMode
 from app.benchmark.pairing import median_ms
 from app.inference.checkpoint import GROUPS
 from app.inference.device import CPU
+from app.inference.diffusion_times import CLEAN, diffusion_times
 from app.inference.manifest import Manifest
-from app.inference.solvers import CLEAN, even_times
 from app.inference.torchscript import freeze, read_torchscript
 from app.planning.arrays import FloatArray
+from app.planning.plant.natural_units import natural_units
 from app.planning.problem import Problem
 
 STEPS = 50
@@ -100,12 +101,12 @@ class Reference:
             noise: (K, H), standard normal.
 
         Returns:
-            Controls (K, H), m/s^2.
+            Controls (K, H), units of control.
         """
         alphas_cumprod = self._manifest.alphas_cumprod
         u = torch.tensor(noise, dtype=torch.float32).unsqueeze(1)
-        condition = torch.from_numpy(self._manifest.condition.encode(problem)).expand(len(u), -1)
-        for t, next_t in pairwise(even_times(len(alphas_cumprod), STEPS)):
+        condition = torch.from_numpy(self._manifest.encode(problem)).expand(len(u), -1)
+        for t, next_t in pairwise(diffusion_times(len(alphas_cumprod), STEPS, 1.0, 0.0)):
             alpha = alphas_cumprod[t]
             next_alpha = 1.0 if next_t == CLEAN else alphas_cumprod[next_t]
             times = torch.full((len(u),), t)
@@ -114,7 +115,8 @@ class Reference:
             clean = ((u - math.sqrt(1 - alpha) * epsilon) / math.sqrt(alpha)).clamp(-1, 1)
             epsilon = (u - math.sqrt(alpha) * clean) / math.sqrt(1 - alpha)
             u = math.sqrt(next_alpha) * clean + math.sqrt(1 - next_alpha) * epsilon
-        controls: FloatArray = u.squeeze(1).double().numpy() * self._manifest.control_scale
+        middle, half, *_ = natural_units(problem.system.plant)
+        controls: FloatArray = middle + half * u.squeeze(1).double().numpy()
         return controls
 
     def operations_of_a_row(self) -> int:

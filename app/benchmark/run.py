@@ -10,25 +10,24 @@ from app.benchmark.quick_plans import quick_plans
 from app.benchmark.reference import Reference, use_threads
 from app.benchmark.sampling import sampling
 from app.benchmark.service import service
+from app.evaluation.entrants import PAPER_MODEL
 from app.inference.device import CPU
 from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.verification import verify
-from app.planning.plant.system import System
-from app.planning.problem import DEFAULT_HORIZON
 from app.planning.warm_up import warm_up
 
 
 def run(store: Path, num_threads: int) -> Iterator[str]:
-    """Measure everything with the model of the nominal plant; yield lines of Markdown.
+    """Measure everything with the paper's model of the nominal plant; yield lines of Markdown.
 
     Raises:
         ModelRejected: a model of the store is not what its manifest says.
-        UnfitModel: the store has no model of the nominal plant.
+        UnknownModel: the store has no such model.
     """
     warm_up()
     engine = Engine(num_threads)
-    model = engine.load(store, CPU).covering(System(), DEFAULT_HORIZON)
+    model = engine.load(store, CPU).find(PAPER_MODEL)
     manifest, checkpoint = verify(store / model.manifest.name / str(model.manifest.version))
     reference = Reference(checkpoint, manifest)
     # After the engine, which limits PyTorch to one thread: the references have them all.
@@ -40,9 +39,9 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     yield "\n## The network\n"
     yield from network(model, reference, num_threads)
     yield "\n## Sampling, beside the paper's sampler in eager PyTorch\n"
-    yield from sampling(proposal, reference)
+    yield from sampling(proposal, reference, manifest.samplers)
     yield "\n## Planning\n"
-    yield quick_plans(proposal, model.manifest.horizon)
+    yield quick_plans(proposal, manifest)
     yield from planning()
     yield "\n## The service\n"
     yield from service(model)

@@ -10,26 +10,28 @@ from app.benchmark.reference import Reference
 from app.inference.engine import EngineProposal
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned
+from app.planning.methods.sampler import PAPER_SAMPLER, Sampler, Samplers
 from app.planning.problem import Problem
 
 BUDGETS = (1, 16, 32, 128, 512)
 CANDIDATES, MOST_PAIRS = 256, 40
 """Pairs of samplings are as many as make this many candidates, but 3 to 40."""
-DEFAULT, PAPER = ActionDiffusion(), ActionDiffusion(sampler="paper")
 
 
-def sampling(proposal: EngineProposal, reference: Reference) -> Iterator[str]:
+def sampling(proposal: EngineProposal, reference: Reference, samplers: Samplers) -> Iterator[str]:
     """Draw candidates for one task by the reference and by the engine; yield a Markdown table."""
+    default = ActionDiffusion().settled(samplers)
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]))
     yield (
-        f"| K | reference | paper's setting, {_evaluations(PAPER)} evaluations | ratio "
-        f"| controls differ by | default, {_evaluations(DEFAULT)} evaluations | ratio |"
+        f"| K | reference | paper's setting, {_evaluations(PAPER_SAMPLER)} evaluations | ratio "
+        f"| controls differ by | default, {_evaluations(default)} evaluations | ratio |"
     )
     yield "| ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
     for k in BUDGETS:
         plain = partial(_sample_by_reference, reference, problem, k)
         same, fewer = (
-            partial(_sample_by_engine, proposal, problem, k, method) for method in (PAPER, DEFAULT)
+            partial(_sample_by_engine, proposal, problem, k, sampler)
+            for sampler in (PAPER_SAMPLER, default)
         )
         difference = np.abs(plain() - same()).max()
         pairs = min(max(3, CANDIDATES // k), MOST_PAIRS)
@@ -41,8 +43,8 @@ def sampling(proposal: EngineProposal, reference: Reference) -> Iterator[str]:
         )
 
 
-def _evaluations(method: ActionDiffusion) -> int:
-    return method.cost(1).network_evaluations
+def _evaluations(sampler: Sampler) -> int:
+    return sampler.cost(1).network_evaluations
 
 
 def _sample_by_reference(reference: Reference, problem: Problem, k: int) -> FloatArray:
@@ -51,6 +53,6 @@ def _sample_by_reference(reference: Reference, problem: Problem, k: int) -> Floa
 
 
 def _sample_by_engine(
-    proposal: EngineProposal, problem: Problem, k: int, method: ActionDiffusion
+    proposal: EngineProposal, problem: Problem, k: int, sampler: Sampler
 ) -> FloatArray:
-    return Learned(method, proposal).propose(problem, k, np.random.default_rng(k)).controls
+    return Learned(sampler, proposal).propose(problem, k, np.random.default_rng(k)).controls

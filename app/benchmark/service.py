@@ -16,7 +16,8 @@ from app.inference.model import Model
 from app.inference.sampling import sample_alone
 from app.launch import launch
 from app.planning.arrays import FloatArray
-from app.planning.methods import CEM, ActionDiffusion, Learned
+from app.planning.methods import CEM, ActionDiffusion
+from app.planning.methods.sampler import Sampler
 from app.planning.planner import plan
 from app.planning.problem import Candidates, Problem
 from app.planning.recipe import Recipe
@@ -35,16 +36,9 @@ class BareProposal:
     def __init__(self, model: Model) -> None:
         self._model = model
 
-    def sample(
-        self,
-        problem: Problem,
-        noise: FloatArray,
-        solver: str,
-        steps: int,
-        guidance_scale: float,
-    ) -> Candidates:
+    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
         """Denoise `noise` (K, H) into controls (K, H)."""
-        return Candidates(sample_alone(self._model, problem, noise, solver, steps, guidance_scale))
+        return Candidates(sample_alone(self._model, problem, noise, sampler))
 
 
 def service(model: Model) -> Iterator[str]:
@@ -53,13 +47,12 @@ def service(model: Model) -> Iterator[str]:
     Yields a Markdown list.
     """
     with launch("app", "serve", "--log-level", "error") as server:
-        bare = BareProposal(model)
         # Python's own client takes a millisecond less of its own than httpx.
         connection = HTTPConnection(server.url.removeprefix("http://"))
         yield f"- start to ready: {server.start_seconds:.1f} s"
-        yield _request(connection, CEM(), 16, bare)
-        yield _request(connection, ActionDiffusion(), 16, bare)
-        yield _request(connection, QUICK, QUICK_CANDIDATES, bare, Refinement())
+        yield _request(connection, CEM(), 16, model)
+        yield _request(connection, ActionDiffusion(), 16, model)
+        yield _request(connection, QUICK, QUICK_CANDIDATES, model, Refinement())
         connection.close()
         memory = psutil.Process(server.process.pid).memory_info().rss / 2**20
         yield f"- resident memory of the service afterwards: {memory:.0f} MiB"
@@ -69,12 +62,12 @@ def _request(
     connection: HTTPConnection,
     method: CEM | ActionDiffusion,
     num_candidates: int,
-    proposal: BareProposal,
+    model: Model,
     refinement: Refinement | None = None,
 ) -> str:
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]))
-    able = Learned(method, proposal) if isinstance(method, ActionDiffusion) else method
-    recipe = Recipe(able, num_candidates, refinement, reachability=True)
+    asked = Recipe(method, num_candidates, refinement, reachability=True)
+    recipe = asked.settled(model.manifest.samplers).able(BareProposal(model))
     request = {
         "initial_state": [0.0, 0.0],
         "target_state": [0.5, 0.0],
@@ -99,7 +92,7 @@ def _request(
     )
     return (
         f"- {method.name}{', refined' if refinement else ''}, K = {num_candidates}, "
-        f"{method.cost(num_candidates).network_evaluations} evaluations: {over_http:.2f} ms over "
+        f"{recipe.cost().network_evaluations} evaluations: {over_http:.2f} ms over "
         f"HTTP, {in_process:.2f} ms by the planner alone; engine and HTTP add "
         f"{over_http - in_process:.2f} ms"
     )

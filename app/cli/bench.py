@@ -10,11 +10,11 @@ from app.settings_options import read_settings
 def bench() -> None:
     """Measure network, sampling, planning and service side by side.
 
-    The model is that of the nominal plant in the store that is shipped, or in
+    The model is the paper's, dry-friction-fs0.7, in the store that is shipped, or in
     BREAKAWAY_MODEL_STORE; the output is Markdown.
     """
     from app.benchmark.run import run
-    from app.inference.model_store import UnfitModel
+    from app.inference.model_store import UnknownModel
     from app.inference.verification import ModelRejected
     from app.serving.kernels import NETWORK, PLANNING, available_cores, prepare
 
@@ -22,5 +22,5 @@ def bench() -> None:
     try:
         for line in run(read_settings(["model_store"]).model_store, available_cores()):
             click.echo(line)
-    except (ModelRejected, UnfitModel) as error:
+    except (ModelRejected, UnknownModel) as error:
         raise Failure(str(error)) from None

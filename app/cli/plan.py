@@ -130,6 +130,7 @@ def _make_plan(
     from app.inference.model_store import ModelStore, UnfitModel, UnknownModel
     from app.inference.verification import ModelRejected
     from app.planning.methods.base import InvalidStepCount
+    from app.planning.methods.settling import needs_model
     from app.planning.problem import PlanningError
     from app.serving.kernels import PLANNING, prepare
     from app.serving.rates import Rates
@@ -146,7 +147,7 @@ def _make_plan(
     try:
         with ExitStack() as stack:
             models, engine = ModelStore([]), None
-            if request.model or request.recipe().cost().network_evaluations:
+            if request.model or needs_model(request.recipe().method):
                 models, engine = _load_models(request, settings, stack)
             service = PlanningService(settings, models, engine, Rates())
             # Twice: the time in the answer is to be the plan's, and not that of loading kernels.
@@ -189,7 +190,7 @@ def _load_models(
         if request.model:
             return request.model in (manifest.name, f"{manifest.name}/{manifest.version}")
         horizon = request.horizon or DEFAULT_HORIZON
-        return manifest.plants.covers(request.system or System()) and manifest.horizon == horizon
+        return manifest.covers(request.system or System(), horizon)
 
     engine = stack.enter_context(closing(Engine(available_cores())))
     # One plan is made sooner by TorchScript than a network is compiled.

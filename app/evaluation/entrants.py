@@ -3,14 +3,16 @@
 from app.evaluation.question import Entrant
 from app.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, RED, SKY, Look
 
+PAPER_MODEL = "dry-friction-fs0.7"
+"""The model of the paper's plant, trained as the paper says."""
 PAPER_DIFFUSION = Entrant(
     "Action Diffusion (paper)",
-    {"method": {"name": "action_diffusion", "sampler": "paper"}},
+    {"method": {"name": "action_diffusion", "sampler": "paper"}, "model": PAPER_MODEL},
     Look(BLUE, "o", "-"),
 )
-"""With the paper's sampler: DDIM, 50 steps, guidance scale 2."""
+"""With the paper's sampler, DDIM, 50 steps, guidance scale 2, and its model of the plant."""
 DIFFUSION = Entrant("Action Diffusion", {"method": "action_diffusion"}, Look(SKY, "s", "-"))
-"""With the default sampler, six network evaluations."""
+"""With the model and the sampler that the service chooses."""
 DATASET_PRIOR = Entrant("Dataset Prior", {"method": "dataset_prior"}, Look(ORANGE, "^", "-"))
 UNIFORM = Entrant("Uniform", {"method": "uniform"}, Look(GREY, "x", "--"))
 CEM = Entrant("CEM (40 it.)", {"method": "cem"}, Look(RED, "P", "-"))

@@ -8,6 +8,8 @@ from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.ask import ask
 from app.evaluation.entrants import CEM, DIFFUSION, REFINED_PRIOR, UNIFORM
 from app.evaluation.question import Question
+from app.evaluation.served import ServedModels
+from app.planning.problem import Cost
 
 PROBES = 5
 TASK = {"initial_state": (0.0, 0.0), "target_state": (0.4, 0.0)}
@@ -24,9 +26,8 @@ class Rates(NamedTuple):
     refinement: float
     """For refining a plan."""
 
-    def seconds(self, question: Question) -> float:
-        """Estimate how long the answer to `question` takes."""
-        cost = question.cost
+    def seconds(self, question: Question, cost: Cost) -> float:
+        """Estimate how long the answer to `question` takes, which costs so much."""
         return (
             question.num_plans * (self.plan + self.refinement * bool(question.request.refine))
             + cost.network_evaluations * question.request.num_candidates * self.network_row
@@ -34,11 +35,14 @@ class Rates(NamedTuple):
         )
 
 
-async def measure_rates(client: AsyncPlannerClient, *, network: bool) -> Rates:
+async def measure_rates(
+    client: AsyncPlannerClient, served: ServedModels, *, network: bool
+) -> Rates:
     """Ask for a few plans, and see how long they take.
 
     Args:
         client: the service.
+        served: its models.
         network: whether the network matters; it takes a model of the nominal plant.
 
     Raises:
@@ -63,10 +67,13 @@ async def measure_rates(client: AsyncPlannerClient, *, network: bool) -> Rates:
     async def more(probe: Question) -> float:
         return max(0.0, await seconds(probe) - plan)
 
-    rows = learned.cost.network_evaluations * learned.request.num_candidates
+    network_row = 0.0
+    if network:
+        evaluations = served.cost(learned).network_evaluations
+        network_row = await more(learned) / (evaluations * learned.request.num_candidates)
     return Rates(
         plan=plan,
-        network_row=await more(learned) / rows if network else 0.0,
-        rollout=await more(cem) / cem.cost.rollouts,
+        network_row=network_row,
+        rollout=await more(cem) / served.cost(cem).rollouts,
         refinement=await more(refined),
     )

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 from app.figures.style import Look
-from app.planning.problem import Cost
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
@@ -54,12 +53,6 @@ class Question:
     def num_plans(self) -> int:
         """How many plans the answer holds."""
         return len(self.request.targets) if isinstance(self.request, MultistepPlanRequest) else 1
-
-    @property
-    def cost(self) -> Cost:
-        """What all its plans take, refinement apart."""
-        each = self.request.recipe().unrefined.cost()
-        return Cost(self.num_plans * each.network_evaluations, self.num_plans * each.rollouts)
 
     @property
     def body(self) -> dict[str, Any]:

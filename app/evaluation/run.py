@@ -11,16 +11,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from app.client.planner_client import AsyncPlannerClient
-from app.evaluation.answer_log import AnswerLog, EvaluationError, Session
+from app.evaluation.answer_log import AnswerLog, Session
 from app.evaluation.ask import ask_all
 from app.evaluation.estimate import measure_rates
 from app.evaluation.question import Question
 from app.evaluation.report import write_report
+from app.evaluation.served import ServedModels
 from app.evaluation.suite import Suite
 from app.figures.style import STYLE_FILE
-from app.planning.plant.system import System
-from app.planning.problem import DEFAULT_HORIZON
-from app.wire.about import ModelDescription
 
 Missing: TypeAlias = dict[str, tuple[Suite, Question]]
 """What there is no answer to, and who asks first, by the question's key."""
@@ -86,16 +84,19 @@ async def _complete(
     await client.wait_until_ready()
     info, models = await client.info(), await client.models()
     questions = [question for _, question in missing.values()]
-    _check_models(questions, info.nominal_system, models)
+    served = ServedModels(info.nominal_system, models)
+    # Now, and not after hours: a plant may have no model.
+    costs = {question.key: served.cost(question) for question in questions}
     about = {
         "began": datetime.now(UTC),
         "models": {f"{model.name}/{model.version}": model.sha256 for model in models},
         "concurrency": concurrency,
     }
     log.begin(Session.model_validate(info.model_dump() | about))
-    network = any(question.cost.network_evaluations for question in questions)
-    rates = await measure_rates(client, network=network)
-    total = sum(map(rates.seconds, questions))
+    network = any(cost.network_evaluations for cost in costs.values())
+    rates = await measure_rates(client, served, network=network)
+    seconds = {question.key: rates.seconds(question, costs[question.key]) for question in questions}
+    total = sum(seconds.values())
     console.print(
         f"{len(questions)} requests, about {timedelta(seconds=round(total / concurrency))} at "
         f"{concurrency} at once; interrupted, the same command goes on"
@@ -106,20 +107,6 @@ async def _complete(
 
         def advance(question: Question) -> None:
             suite, _ = missing[question.key]
-            progress.update(bar, advance=rates.seconds(question), description=suite.name)
+            progress.update(bar, advance=seconds[question.key], description=suite.name)
 
         await ask_all(client, questions, log, concurrency, advance)
-
-
-def _check_models(
-    questions: list[Question], nominal: System, models: list[ModelDescription]
-) -> None:
-    """Find out now, and not after hours, that a plant has no model."""
-    for question in questions:
-        request = question.request
-        system = request.system or nominal
-        horizon = request.horizon or DEFAULT_HORIZON
-        if question.cost.network_evaluations and not any(
-            model.covers(system, horizon) for model in models
-        ):
-            raise EvaluationError(f"the service has no model that was trained for {system}")

@@ -1,27 +1,21 @@
 """What a network knows of a problem: some of its numbers, by name, standardised.
 
-A feature is a function of the problem; which ones a model takes, its manifest says.
+Which features a model takes, its manifest says; what they are, `app.planning.plant.features`.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Annotated, Self, TypeAlias
+from collections.abc import Sequence
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, model_validator
 
 from app.planning.arrays import FloatArray
+from app.planning.plant.coverage import Coverage
+from app.planning.plant.features import PLANT_FEATURES, TASK_FEATURES, feature_values
+from app.planning.plant.task import Task
 from app.planning.problem import Problem
 
-Feature: TypeAlias = Callable[[Problem], float]
-
-FEATURES: dict[str, Feature] = {
-    "initial_position": lambda problem: float(problem.initial_state[0]),
-    "initial_velocity": lambda problem: float(problem.initial_state[1]),
-    "target_position": lambda problem: float(problem.target_state[0]),
-    "target_velocity": lambda problem: float(problem.target_state[1]),
-}
-"""m and m/s."""
 STATES = ("initial_position", "initial_velocity", "target_position", "target_velocity")
 """The paper's condition, c = [x_0, x*]."""
 
@@ -37,9 +31,12 @@ class Conditioning(BaseModel):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        unknown = sorted(set(self.features) - FEATURES.keys())
+        unknown = sorted(set(self.features) - TASK_FEATURES.keys() - PLANT_FEATURES.keys())
         if unknown:
-            raise ValueError(f"no features {', '.join(unknown)}; there are: {', '.join(FEATURES)}")
+            raise ValueError(
+                f"no features {', '.join(unknown)}; there are: "
+                f"{', '.join((*TASK_FEATURES, *PLANT_FEATURES))}"
+            )
         if not len(self.features) == len(self.mean) == len(self.std):
             raise ValueError("features, mean and std must be equally many")
         return self
@@ -59,11 +56,22 @@ class Conditioning(BaseModel):
         """C."""
         return len(self.features)
 
-    def standardise(self, values: FloatArray) -> NDArray[np.float32]:
-        """Return features (..., C) as the network takes them: (value - mean) / std."""
+    def encode_tasks(self, task: Task, horizon: int) -> NDArray[np.float32]:
+        """Return the conditions (N, C) of tasks as they are.
+
+        Args:
+            task: the fields of it and of its plant are floats or (N,).
+            horizon: H.
+        """
+        return self._standardised(feature_values(self.features, task, horizon))
+
+    def encode(self, problem: Problem, coverage: Coverage) -> NDArray[np.float32]:
+        """Return the condition (C,) of a problem, or of the nearest one that is covered."""
+        values = feature_values(self.features, problem.task, problem.horizon)
+        condition: NDArray[np.float32]
+        (condition,) = self._standardised(coverage.clamped(self.features, values))
+        return condition
+
+    def _standardised(self, values: FloatArray) -> NDArray[np.float32]:
         standardised: FloatArray = (values - np.array(self.mean)) / np.array(self.std)
         return standardised.astype(np.float32)
-
-    def encode(self, problem: Problem) -> NDArray[np.float32]:
-        """Return the condition (C,) of a problem."""
-        return self.standardise(np.array([FEATURES[name](problem) for name in self.features]))

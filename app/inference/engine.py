@@ -26,6 +26,7 @@ from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
 from app.inference.shares import Share, half_least_half_urgent
 from app.planning.arrays import FloatArray
+from app.planning.methods.sampler import Sampler
 from app.planning.problem import Candidates, PlanningError, Problem
 
 MEMORY_TICKS = 10
@@ -114,8 +115,8 @@ class Engine:
         """Take on the sampling that `prepare` makes, in the engine's thread.
 
         Returns:
-            The controls (K, H) in m/s^2 and when their first tick began, or what went wrong:
-            what `prepare` raised, the network or the reason of the job's stop.
+            The controls (K, H) in units of control and when their first tick began, or what went
+            wrong: what `prepare` raised, the network or the reason of the job's stop.
 
         Raises:
             RuntimeError: the engine is closed.
@@ -202,8 +203,8 @@ class Engine:
         """Take these rows through the model; a failure is that of the sampling it belongs to."""
         try:
             parts = [sampling.take(count) for sampling, count in shares.items()]
-            noise = model.network.predict(*(torch.cat(rows) for rows in zip(*parts, strict=True)))
-            predictions = torch.split(noise, list(shares.values()))
+            batch = (torch.cat(rows) for rows in zip(*parts, strict=True))
+            predictions = torch.split(model.network.predict(*batch), list(shares.values()))
         except Exception as error:
             if len(shares) > 1:
                 for sampling, count in shares.items():
@@ -249,19 +250,12 @@ class EngineProposal:
         self._model = model
         self._job = job
 
-    def sample(
-        self,
-        problem: Problem,
-        noise: FloatArray,
-        solver: str,
-        steps: int,
-        guidance_scale: float,
-    ) -> Candidates:
+    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
         """Denoise `noise` (K, H) into controls (K, H); blocks until the engine is done.
 
         Raises:
-            InvalidStepCount: the model has fewer diffusion times than `steps`.
-            PlanningError: the network fails, or predicts noise that is not finite.
+            InvalidStepCount: the model has fewer diffusion times than the sampler has steps.
+            PlanningError: the network fails, or predicts what is not finite.
             Stopped: the job is not wanted any more.
             ValueError: the model does not cover the problem's plant and horizon.
         """
@@ -272,7 +266,7 @@ class EngineProposal:
         submitted = perf_counter()
         done = self._engine.submit(
             self._job,
-            lambda: Sampling(self._job, self._model, problem, noise, solver, steps, guidance_scale),
+            lambda: Sampling(self._job, self._model, problem, noise, sampler),
         )
         controls, begun = done.result()
         return Candidates(controls, queue_ms=(begun - submitted) * 1e3)

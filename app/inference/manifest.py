@@ -4,8 +4,10 @@ No torch in here: models can be listed and checked without loading it.
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -14,21 +16,28 @@ from pydantic import (
     PositiveFloat,
     PositiveInt,
     TypeAdapter,
-    field_validator,
+    model_validator,
 )
 
 from app.inference.conditioning import Conditioning
-from app.planning.plant.plant_range import PlantRange
+from app.inference.diffusion_times import diffusion_times
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Samplers
+from app.planning.plant.coverage import Coverage
+from app.planning.plant.natural_units import natural_units
 from app.planning.plant.system import System
+from app.planning.problem import Problem
 
 CHECKPOINT_FILE = "unet.pt"
 MANIFEST_FILE = "manifest.json"
 
 ModelName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
+Prediction: TypeAlias = Literal["noise", "clean", "velocity"]
+"""What a network predicts of u_t = signal * clean + noise * eps: eps, the clean sequence, or
+signal * eps - noise * clean (Salimans and Ho 2022)."""
 
 
 class Losses(BaseModel):
-    """Mean-squared error of the predicted noise (paper, Eq. 3) at the end of training."""
+    """Mean-squared error of the prediction (of the noise: paper, Eq. 3) at the end of training."""
 
     training: FiniteFloat
     validation: FiniteFloat
@@ -45,8 +54,6 @@ class _AnyManifest(BaseModel):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     """Of the checkpoint file."""
     horizon: PositiveInt
-    control_scale: PositiveFloat
-    """Network controls in [-1, 1] times this are m/s^2."""
     alphas_cumprod: Annotated[
         tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(min_length=1, max_length=10_000)
     ]
@@ -59,20 +66,40 @@ class _AnyManifest(BaseModel):
 
 
 class Manifest(_AnyManifest):
-    """All that the service must know of a checkpoint beside its weights."""
+    """All that the service must know of a checkpoint beside its weights.
+
+    The network's controls are in the natural units of the problem's plant: -1 is its lowest
+    control, 1 its highest.
+    """
 
     format_version: Literal[2] = 2
-    plants: PlantRange
-    """That the model was trained for."""
+    coverage: Coverage
+    """What the model was trained for: plants, and how far the tasks go that are put to it."""
+    system: System
+    """The plant of a request that names the model and no plant."""
+    trained_on: Annotated[str, Field(min_length=1, max_length=1000)]
+    """In words, for whoever lists the models."""
     condition: Conditioning
-    predicts: Literal["noise"] = "noise"
+    predicts: Prediction
+    samplers: Samplers
 
-    @field_validator("plants")
-    @classmethod
-    def _offer_a_default(cls, plants: PlantRange) -> PlantRange:
-        # A request that names the model and no plant is for this one: it has to be possible.
-        plants.nearest(System())
-        return plants
+    @model_validator(mode="after")
+    def _goes_together(self) -> Self:
+        if not self.covers(self.system, self.horizon):
+            raise ValueError("the coverage does not cover the model's own system")
+        for settings in (self.samplers.dpm_solver, self.samplers.ddim):
+            diffusion_times(
+                len(self.alphas_cumprod), settings.steps, settings.first_time, settings.last_time
+            )
+        return self
+
+    def covers(self, system: System, horizon: int) -> bool:
+        """Say whether the model was trained for such a plant and horizon."""
+        return self.horizon == horizon and self.coverage.covers(system, horizon)
+
+    def encode(self, problem: Problem) -> NDArray[np.float32]:
+        """Return what the network knows of a problem, (C,)."""
+        return self.condition.encode(problem, self.coverage)
 
     @classmethod
     def read(cls, path: Path) -> "Manifest":
@@ -91,17 +118,30 @@ class _ManifestVersion1(_AnyManifest):
 
     format_version: Literal[1]
     system: System
+    control_scale: PositiveFloat
+    """Network controls in [-1, 1] times this are m/s^2."""
     state_mean: tuple[FiniteFloat, FiniteFloat]
     state_std: tuple[PositiveFloat, PositiveFloat]
     """A state enters the network as (state - mean) / std."""
 
+    @model_validator(mode="after")
+    def _scales_to_the_limit(self) -> Self:
+        units = natural_units(self.system.plant)
+        if (units.middle, units.control) != (0.0, self.control_scale):
+            raise ValueError("control_scale must be the system's control_limit")
+        return self
+
     def upgraded(self) -> Manifest:
         """Return the same in the present format."""
-        replaced = {"format_version", "system", "state_mean", "state_std"}
+        replaced = {"format_version", "system", "control_scale", "state_mean", "state_std"}
         return Manifest(
             **self.model_dump(exclude=replaced),
-            plants=PlantRange.only(self.system),
+            coverage=Coverage.only(self.system),
+            system=self.system,
+            trained_on="Rollouts of random controls, drawn from the paper's prior, on this plant.",
             condition=Conditioning.on_states(self.state_mean, self.state_std),
+            predicts="noise",
+            samplers=PAPER_MODEL_SAMPLERS,
         )
 
 

@@ -35,15 +35,15 @@ class Model:
     @property
     def coverage(self) -> str:
         """The plants and the horizon that the model was trained for, in words."""
-        return f"plants with {self.manifest.plants}, and horizon {self.manifest.horizon}"
+        return f"plants with {self.manifest.coverage}, and horizon {self.manifest.horizon}"
 
     def covers(self, system: System, horizon: int) -> bool:
         """Say whether the model was trained for such a plant and horizon."""
-        return self.manifest.plants.covers(system) and self.manifest.horizon == horizon
+        return self.manifest.covers(system, horizon)
 
     def condition(self, problem: Problem) -> torch.Tensor:
         """Return what the network knows of a problem, (C,)."""
-        return torch.from_numpy(self.manifest.condition.encode(problem)).to(self.device)
+        return torch.from_numpy(self.manifest.encode(problem)).to(self.device)
 
 
 def load_model(

@@ -10,10 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from app.inference.diffusion_times import diffusion_times
 from app.inference.job import Job
 from app.inference.model import Model
 from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
+from app.planning.methods.sampler import Sampler
+from app.planning.plant.natural_units import natural_units
 from app.planning.problem import PlanningError, Problem
 
 
@@ -36,15 +39,13 @@ class Sampling:
 
     Args:
         job: whose work this is.
-        model: predicts the noise.
+        model: predicts.
         problem: start and target.
         noise: (K, H), standard normal.
-        solver: a name of `SOLVERS`.
-        steps: of the solver.
-        guidance_scale: s.
+        sampler: solver, steps and guidance.
 
     Raises:
-        InvalidStepCount: the model has fewer diffusion times than `steps`.
+        InvalidStepCount: the model has fewer diffusion times than the sampler has steps.
     """
 
     def __init__(
@@ -53,30 +54,36 @@ class Sampling:
         model: Model,
         problem: Problem,
         noise: FloatArray,
-        solver: str,
-        steps: int,
-        guidance_scale: float,
+        sampler: Sampler,
     ) -> None:
         self.job = job
         self.model = model
-        self._guidance_scale = guidance_scale
-        alphas_cumprod = model.manifest.alphas_cumprod
-        times, solve = SOLVERS[solver]
-        self._steps = solve(
+        settings, manifest = sampler.settings, model.manifest
+        self._guidance_scale = settings.guidance_scale
+        self._units = natural_units(problem.system.plant)
+        self._steps = SOLVERS[sampler.solver](
             torch.tensor(noise, dtype=torch.float32, device=model.device),
-            times(len(alphas_cumprod), steps),
-            alphas_cumprod,
+            diffusion_times(
+                len(manifest.alphas_cumprod),
+                settings.steps,
+                settings.first_time,
+                settings.last_time,
+            ),
+            manifest.alphas_cumprod,
+            manifest.predicts,
         )
         conditional, unconditional = model.network.embed(model.condition(problem))
         needed = {0.0: [unconditional], 1.0: [conditional]}
-        self._embeddings = torch.stack(needed.get(guidance_scale, [unconditional, conditional]))
+        self._embeddings = torch.stack(
+            needed.get(self._guidance_scale, [unconditional, conditional])
+        )
         self._u_t, self._time = next(self._steps)
         num_rows = len(self._embeddings) * len(noise)
         # Row r belongs to candidate r % K and to embedding r // K.
         self._predictions = self._u_t.new_empty(num_rows, self._u_t.shape[1])
         self._predicted = 0
         self.controls: FloatArray | None = None
-        """(K, H) in m/s^2, once they are done."""
+        """(K, H) in units of control, once they are done."""
 
     @property
     def rows_waiting(self) -> int:
@@ -107,7 +114,7 @@ class Sampling:
             PlanningError: they are not finite.
         """
         if not torch.isfinite(predictions).all():
-            raise PlanningError(f"{self.model.label} predicts noise that is not finite")
+            raise PlanningError(f"{self.model.label} predicts what is not finite")
         count = len(predictions)
         self._predictions[self._predicted : self._predicted + count] = predictions
         self._predicted += count
@@ -124,8 +131,8 @@ class Sampling:
             self._u_t, self._time = self._steps.send(predicted)
         except StopIteration as done:
             controls: Tensor = done.value
-            scale = self.model.manifest.control_scale
-            self.controls = controls.cpu().numpy().astype(np.float64) * scale
+            middle, half, *_ = self._units
+            self.controls = middle + half * controls.cpu().numpy().astype(np.float64)
         else:
             self._predicted = 0
 
@@ -135,15 +142,13 @@ def sample_alone(
     model: Model,
     problem: Problem,
     noise: FloatArray,
-    solver: str,
-    steps: int,
-    guidance_scale: float,
+    sampler: Sampler,
 ) -> FloatArray:
-    """Return the controls (K, H) in m/s^2 of a sampling in this thread, without an engine.
+    """Return the controls (K, H), in units of control, of a sampling without an engine.
 
     Arguments and errors as for `Sampling`; what the network raises as it is.
     """
-    sampling = Sampling(Job(rows_left=0), model, problem, noise, solver, steps, guidance_scale)
+    sampling = Sampling(Job(rows_left=0), model, problem, noise, sampler)
     while sampling.controls is None:
         sampling.give(model.network.predict(*sampling.take(sampling.rows_waiting)))
     return sampling.controls

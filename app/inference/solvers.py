@@ -1,9 +1,9 @@
 """Solvers: generators that turn noise into control sequences over explicit timestep pairs.
 
-They know neither networks nor guidance: a solver yields what it wants the noise of predicted, is
-sent the prediction, and in the end returns the controls. Between two predictions it stands still,
-so that whoever predicts may do so for many of them at once. A solver is the algorithm; the sampler
-of a request is a solver with its number of steps and guidance, by name.
+They know neither networks nor guidance: a solver yields what it wants a prediction of, is sent the
+prediction, and in the end returns the controls. Between two predictions it stands still, so that
+whoever predicts may do so for many of them at once. A solver is the algorithm; the sampler of a
+request is a solver with its number of steps, times and guidance.
 """
 
 import math
@@ -11,65 +11,30 @@ from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from app.planning.methods.base import InvalidStepCount
+from app.inference.diffusion_times import CLEAN
+from app.inference.manifest import Prediction
 
 Steps: TypeAlias = Generator[tuple[Tensor, int], Tensor, Tensor]
-"""Yields u_t (K, H) and t, is sent the predicted noise (K, H), returns the controls (K, H)."""
-CLEAN = -1
-"""The time after the last one, where no noise is left."""
-MIDDLE = (0.7, 0.25)
-"""Where `middle_times` begins and ends, as shares of T."""
-
-
-def even_times(num_timesteps: int, steps: int) -> list[int]:
-    """Return `steps` diffusion times, evenly spaced from T-1 down to 0, then `CLEAN`.
-
-    Raises:
-        InvalidStepCount: not 1 <= steps <= T.
-    """
-    return _times(num_timesteps - 1, 0, steps)
-
-
-def middle_times(num_timesteps: int, steps: int) -> list[int]:
-    """Return `steps` diffusion times, evenly spaced over the middle of the schedule, then `CLEAN`.
-
-    The ends of a cosine schedule are not worth an evaluation. Near T there is hardly a signal: at
-    T-1 an error in the predicted noise is amplified a hundredfold in the clean sequence, and
-    clamping is all that holds it. Near 0 hardly any noise is left to remove.
-
-    Raises:
-        InvalidStepCount: there are fewer times than `steps` there, or none are asked for.
-    """
-    first, last = (min(round(share * num_timesteps), num_timesteps - 1) for share in MIDDLE)
-    return _times(first, last, steps)
-
-
-def _times(first: int, last: int, steps: int) -> list[int]:
-    available = first - last + 1
-    if not 1 <= steps <= available:
-        raise InvalidStepCount(
-            f"steps must be from 1 to {available}, the diffusion times that the model has for "
-            "this sampler"
-        )
-    return [*np.linspace(first, last, steps).round().astype(int).tolist(), CLEAN]
+"""Yields u_t (K, H) and t, is sent the prediction (K, H), returns the controls (K, H)."""
 
 
 def ddim(
     noise: Tensor,
     times: Sequence[int],
     alphas_cumprod: Sequence[float],
+    predicts: Prediction,
     bound: float = 1.0,
 ) -> Steps:
     """Deterministic DDIM (Song et al. 2021, Eq. 12 with sigma = 0; paper, Sect. 3.4).
 
     Args:
         noise: (K, H), standard normal.
-        times: falling diffusion times, `CLEAN` last (see `even_times`).
+        times: falling diffusion times, `CLEAN` last (see `diffusion_times`).
         alphas_cumprod: cumulative products of alpha_t, one for each diffusion time.
+        predicts: what is sent.
         bound: the predicted clean sequence is clamped to [-bound, bound] at every step, and the
             noise derived from the clamped one.
 
@@ -79,7 +44,7 @@ def ddim(
     u = noise
     for t, next_t in pairwise(times):
         level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
-        clean = level.clean(u, (yield u, t), bound)
+        clean = level.clean(u, (yield u, t), predicts).clamp(-bound, bound)
         u = level.step(u, clean, next_level)
     return u
 
@@ -88,6 +53,7 @@ def dpm_solver(
     noise: Tensor,
     times: Sequence[int],
     alphas_cumprod: Sequence[float],
+    predicts: Prediction,
     bound: float = 1.0,
 ) -> Steps:
     """DPM-Solver++ (2M), multistep, of second order (Lu et al. 2022, Algorithm 2).
@@ -101,7 +67,7 @@ def dpm_solver(
     u, previous_clean, previous_level = noise, None, None
     for t, next_t in pairwise(times):
         level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
-        clean = extrapolated = level.clean(u, (yield u, t), bound)
+        clean = extrapolated = level.clean(u, (yield u, t), predicts).clamp(-bound, bound)
         if previous_clean is not None and previous_level is not None and next_t != CLEAN:
             h = next_level.log_ratio - level.log_ratio
             previous_h = level.log_ratio - previous_level.log_ratio
@@ -128,10 +94,15 @@ class NoiseLevel(NamedTuple):
         """Lambda: half the logarithm of the signal-to-noise ratio."""
         return math.log(self.signal / self.noise)
 
-    def clean(self, u: Tensor, predicted_noise: Tensor, bound: float) -> Tensor:
-        """Return the clean sequence that the noise was added to, by the prediction, clamped."""
-        signal = torch.add(u, predicted_noise, alpha=-self.noise)
-        return signal.div_(self.signal).clamp_(-bound, bound)
+    def clean(self, u: Tensor, prediction: Tensor, predicts: Prediction) -> Tensor:
+        """Return the clean sequence that the noise was added to, by the prediction."""
+        match predicts:
+            case "noise":
+                return torch.add(u, prediction, alpha=-self.noise).div_(self.signal)
+            case "clean":
+                return prediction
+            case "velocity":
+                return torch.mul(u, self.signal).add_(prediction, alpha=-self.noise)
 
     def step(self, u: Tensor, clean: Tensor, level: "NoiseLevel") -> Tensor:
         """Go to another level: signal' clean + noise' (u - signal clean) / noise."""
@@ -139,15 +110,5 @@ class NoiseLevel(NamedTuple):
         return torch.mul(u, ratio).add_(clean, alpha=level.signal - ratio * self.signal)
 
 
-class Solver(NamedTuple):
-    """A way from noise to controls: where it asks for predictions, and what it makes of them."""
-
-    times: Callable[[int, int], list[int]]
-    """(T, steps) -> falling diffusion times, `CLEAN` last."""
-    solve: Callable[[Tensor, Sequence[int], Sequence[float]], Steps]
-
-
-SOLVERS = {
-    "dpm_solver": Solver(middle_times, dpm_solver),
-    "ddim": Solver(even_times, ddim),
-}
+Solve: TypeAlias = Callable[[Tensor, Sequence[int], Sequence[float], Prediction], Steps]
+SOLVERS: dict[str, Solve] = {"dpm_solver": dpm_solver, "ddim": ddim}

@@ -3,17 +3,22 @@
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from app.planning.methods.base import MethodOptions
+from app.planning.methods.base import LearnedProposal, Method, MethodOptions, Named
+from app.planning.methods.sampler import Samplers
+from app.planning.methods.settling import able, settled
 from app.planning.objectives import TERMINAL_ERROR, Objective
 from app.planning.problem import Cost
 from app.planning.refining.refinement import Refinement
 
-Choice_co = TypeVar("Choice_co", bound=MethodOptions, covariant=True)
+Choice_co = TypeVar("Choice_co", bound=Named, covariant=True)
+
+Other = TypeVar("Other", bound=Named)
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe(Generic[Choice_co]):
-    """How to plan. With a `Method` it can be followed; what it costs, its options tell."""
+    """How to plan. With `MethodOptions` it is known what it costs; with a `Method` it can be
+    followed."""
 
     method: Choice_co
     """Proposes the candidates."""
@@ -27,7 +32,15 @@ class Recipe(Generic[Choice_co]):
     reachability: bool = False
     """Whether the plan also says how near any plan could come, which takes about 0.7 ms."""
 
-    def cost(self) -> Cost:
+    def settled(self, samplers: Samplers | None) -> "Recipe[MethodOptions]":
+        """Return the same with nothing left open; arguments and errors as for the method's."""
+        return self._with(settled(self.method, samplers))
+
+    def able(self: "Recipe[MethodOptions]", proposal: LearnedProposal | None) -> "Recipe[Method]":
+        """Return the same with a method that can propose; arguments as for the method's."""
+        return self._with(able(self.method, proposal))
+
+    def cost(self: "Recipe[MethodOptions]") -> Cost:
         """Return what a plan takes: proposing, a rollout of each candidate, and refinement.
 
         Without refinement it is exactly that. With it the rollouts are an estimate for a plan that
@@ -42,3 +55,8 @@ class Recipe(Generic[Choice_co]):
     def unrefined(self) -> "Recipe[Choice_co]":
         """The same without refinement."""
         return replace(self, refinement=None)
+
+    def _with(self, method: Other) -> "Recipe[Other]":
+        return Recipe(
+            method, self.num_candidates, self.refinement, self.objective, self.reachability
+        )

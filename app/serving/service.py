@@ -13,8 +13,9 @@ import numpy as np
 
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.arrays import FloatArray
-from app.planning.methods import ActionDiffusion, Learned, WarmStarted
-from app.planning.methods.base import LearnedProposal, Method, MethodOptions
+from app.planning.methods import WarmStarted
+from app.planning.methods.base import MethodOptions
+from app.planning.methods.settling import needs_model
 from app.planning.plan import MultistepPlan, Plan
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
@@ -82,17 +83,19 @@ class PlanningService:
         """
         num_targets = len(request.targets) if isinstance(request, MultistepPlanRequest) else 1
         named = self.models.find(request.model) if request.model else None
-        system = request.system or (named.manifest.plants.nearest(System()) if named else System())
+        system = request.system or (named.manifest.system if named else System())
         horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
-        recipe = request.recipe()
-        cost = recipe.cost()
-        self._check_limits(request, cost, horizon, num_targets)
+        self._check_size(request, horizon, num_targets)
         _check_pending(request.pending_controls, system)
-        model = None
-        if cost.network_evaluations:
+        asked, model, samplers = request.recipe(), None, None
+        if needs_model(asked.method):
             model = named or self.models.covering(system, horizon)
             if not model.covers(system, horizon):
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
+            samplers = model.manifest.samplers
+        recipe = asked.settled(samplers)
+        cost = recipe.cost()
+        self._check_cost(request, cost, horizon, num_targets)
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
         repairs = recipe.refinement is not None and recipe.refinement.repair
         # Twice as long where a plan is traced back.
@@ -126,7 +129,11 @@ class PlanningService:
             PlanningError: the method failed.
             Stopped: the work's stop said so.
         """
-        request, recipe = resolved.request, self._recipe(resolved)
+        request, model, proposal = resolved.request, resolved.work.model, None
+        if model:
+            assert self._engine is not None
+            proposal = self._engine.bind(model, resolved.work)
+        recipe = resolved.recipe.able(proposal)
         rng = np.random.default_rng(resolved.seed)
         stop = resolved.work.stop
         if isinstance(request, MultistepPlanRequest):
@@ -151,24 +158,6 @@ class PlanningService:
         text = b"".join(json_parts(self.answer(resolved)))
         return MultistepPlanResponse.model_validate_json(text)
 
-    def _recipe(self, resolved: "ResolvedRequest[Any]") -> Recipe[Method]:
-        """Return the recipe with a method that can propose."""
-        work = resolved.work
-        proposal = None
-        if work.model:
-            assert self._engine is not None
-            proposal = self._engine.bind(work.model, work)
-        recipe, method = resolved.recipe, resolved.recipe.method
-        if isinstance(method, WarmStarted):
-            method = WarmStarted(method.optimiser, _able(method.initial, proposal))
-        return Recipe(
-            _able(method, proposal),
-            recipe.num_candidates,
-            recipe.refinement,
-            recipe.objective,
-            recipe.reachability,
-        )
-
     def _measure(self, resolved: "ResolvedRequest[Any]", timing: Timing) -> None:
         """Count how long the simulated time steps took, where that can be told.
 
@@ -180,29 +169,15 @@ class PlanningService:
         computing_ms = timing.refine + timing.rollout + (0 if work.model else timing.propose)
         self._rates.add_steps(work.kind, computing_ms / 1e3, work.rollout_steps)
 
-    def _check_limits(
-        self, request: AnyRequest, cost: Cost, horizon: int, num_targets: int
-    ) -> None:
+    def _check_size(self, request: AnyRequest, horizon: int, num_targets: int) -> None:
+        """Refuse what is too large, whatever it costs."""
         settings = self._settings
-        k = request.num_candidates
-        candidate_steps = k * horizon * num_targets
+        candidate_steps = request.num_candidates * horizon * num_targets
         numbers_each = 3 if "states" in request.include else 1
         answer_numbers = candidate_steps * numbers_each if "candidates" in request.include else 0
-        for pointer, what, value, limit in (
-            ("/num_candidates", "candidates", k, settings.max_candidates),
+        _check(
+            ("/num_candidates", "candidates", request.num_candidates, settings.max_candidates),
             ("/horizon", "time steps", horizon, settings.max_horizon),
-            (
-                "/num_candidates",
-                "rows through the network (candidates x network evaluations x targets)",
-                k * cost.network_evaluations * num_targets,
-                settings.max_network_rows,
-            ),
-            (
-                "/num_candidates",
-                "simulated time steps (rollouts x horizon x targets)",
-                cost.rollouts * horizon * num_targets,
-                settings.max_rollout_steps,
-            ),
             (
                 "/num_candidates",
                 "time steps of candidates (candidates x horizon x targets)",
@@ -216,9 +191,25 @@ class PlanningService:
                 request.deadline_ms or 0,
                 settings.max_deadline_ms,
             ),
-        ):
-            if value > limit:
-                raise InvalidField(pointer, f"{value} {what}; at most {limit} are allowed")
+        )
+
+    def _check_cost(self, request: AnyRequest, cost: Cost, horizon: int, num_targets: int) -> None:
+        """Refuse what costs too much."""
+        settings = self._settings
+        _check(
+            (
+                "/num_candidates",
+                "rows through the network (candidates x network evaluations x targets)",
+                request.num_candidates * cost.network_evaluations * num_targets,
+                settings.max_network_rows,
+            ),
+            (
+                "/num_candidates",
+                "simulated time steps (rollouts x horizon x targets)",
+                cost.rollouts * horizon * num_targets,
+                settings.max_rollout_steps,
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +253,13 @@ class ResolvedRequest(Generic[R]):
         }
 
 
+def _check(*limits: tuple[str, str, int, int]) -> None:
+    """Refuse the first value that exceeds its limit: pointer, what it counts, value, limit."""
+    for pointer, what, value, limit in limits:
+        if value > limit:
+            raise InvalidField(pointer, f"{value} {what}; at most {limit} are allowed")
+
+
 def _check_pending(controls: Sequence[float], system: System) -> None:
     """Refuse controls that the plant cannot have been given."""
     lowest, highest = system.plant.lowest_control, system.plant.highest_control
@@ -278,15 +276,6 @@ def _kind(recipe: Recipe[MethodOptions]) -> str:
     if recipe.refinement is None:
         return recipe.method.name
     return f"{recipe.method.name}, refined for {recipe.objective.name}"
-
-
-def _able(method: Any, proposal: LearnedProposal | None) -> Method:
-    """Return a method that can propose, with the model that its options lack."""
-    if isinstance(method, ActionDiffusion):
-        assert proposal is not None
-        return Learned(method, proposal)
-    able: Method = method
-    return able
 
 
 def _answer_numbers(request: AnyRequest, horizon: int) -> int:

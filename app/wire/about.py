@@ -5,8 +5,9 @@ from typing import Any, Literal
 from pydantic import ConfigDict, Field, TypeAdapter
 
 from app.planning.methods import METHODS
+from app.planning.methods.sampler import Samplers
+from app.planning.plant.coverage import Coverage
 from app.planning.plant.machines import MACHINES
-from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.wire.model import WireModel
 
@@ -17,14 +18,26 @@ class ModelDescription(WireModel):
     name: str
     version: str
     sha256: str
-    plants: PlantRange = Field(description="Least and greatest value of each parameter.")
+    trained_on: str = Field(description="In words.")
+    plants: str = Field(description="Those that the model covers, in words.")
+    coverage: Coverage = Field(
+        description="The same as numbers: the least and greatest value of each feature of a plant, "
+        "and of features of the task, where a start or target beyond is taken as the nearest one "
+        "within."
+    )
+    system: System = Field(description="The plant of a request that names the model and no plant.")
     horizon: int
+    predicts: str = Field(description="What the network predicts: noise, clean or velocity.")
+    samplers: Samplers = Field(
+        description="What each sampler does where a request does not say it; times are shares of "
+        "the diffusion times."
+    )
     diffusion_timesteps: int
-    validation_loss: float
+    validation_loss: float = Field(description="Mean-squared error of what the network predicts.")
 
     def covers(self, system: System, horizon: int) -> bool:
         """Say whether the model was trained for such a plant and horizon."""
-        return self.plants.covers(system) and self.horizon == horizon
+        return self.horizon == horizon and self.coverage.covers(system, horizon)
 
 
 class MethodDescription(WireModel):

@@ -14,7 +14,7 @@ from pydantic import (
 from typing_extensions import TypeAliasType
 
 from app.planning.methods import METHODS, OPTIMISERS, ActionDiffusion, AnyMethod, WarmStarted
-from app.planning.methods.base import MethodOptions
+from app.planning.methods.base import Named
 from app.planning.methods.optimiser import Optimiser
 from app.planning.objectives import OBJECTIVES, ObjectiveName
 from app.planning.plant.machines import MACHINES
@@ -172,9 +172,9 @@ class _Request(_Asked):
             raise ValueError(f"{method.name} starts from nothing; {startable} can be started")
         return initial
 
-    def recipe(self) -> Recipe[MethodOptions]:
-        """Return how to plan; a learned method still lacks its model."""
-        method: MethodOptions = self.method
+    def recipe(self) -> Recipe[Named]:
+        """Return how to plan; a learned method still lacks its model, which settles it."""
+        method: Named = self.method
         if self.initial and isinstance(self.method, Optimiser):
             method = WarmStarted(self.method, self.initial.method)
         return Recipe(

@@ -11,7 +11,8 @@ import torch
 from app.inference.conditioning import Conditioning
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest
 from app.inference.torchscript import to_torchscript
-from app.planning.plant.plant_range import PlantRange
+from app.planning.methods.sampler import Samplers, SamplerSettings
+from app.planning.plant.coverage import Coverage
 from app.planning.plant.system import System
 from training.config import NetworkConfig
 from training.schedule import cosine_alphas_cumprod
@@ -19,6 +20,10 @@ from training.unet import UNet
 
 Publish: TypeAlias = Callable[..., Path]
 """publish(name, version, **manifest fields): the new version folder."""
+SAMPLERS = Samplers(
+    dpm_solver=SamplerSettings(3, 2.0, first_time=0.7, last_time=0.25),
+    ddim=SamplerSettings(4, 1.5, first_time=1.0, last_time=0.0),
+)
 
 
 def _checkpoint(seed: int) -> bytes:
@@ -60,9 +65,12 @@ def publisher(checkpoint: bytes) -> Callable[[Path], Publish]:
                     "name": name,
                     "version": version,
                     "sha256": hashlib.sha256(content).hexdigest(),
-                    "plants": PlantRange.only(System()),
+                    "coverage": Coverage.only(System()),
+                    "system": System(),
+                    "trained_on": "Nothing.",
                     "horizon": 64,
-                    "control_scale": 0.9,
+                    "predicts": "noise",
+                    "samplers": SAMPLERS,
                     "condition": Conditioning.on_states((0.1, 0.2), (0.8, 0.4)),
                     "alphas_cumprod": tuple(cosine_alphas_cumprod(20).tolist()),
                     "training": {},

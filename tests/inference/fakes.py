@@ -4,7 +4,7 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,9 +19,10 @@ from app.inference.model import Model
 from app.inference.networks.base import Network
 from app.inference.pace import Pace
 from app.inference.sampling import Sampling, sample_alone
-from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
-from app.planning.plant.plant_range import PlantRange
+from app.planning.methods import ActionDiffusion
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler, Solver
+from app.planning.plant.coverage import Coverage
 from app.planning.plant.system import System
 from app.planning.problem import Problem
 from training.schedule import cosine_alphas_cumprod
@@ -102,21 +103,27 @@ class Stepped:
 
 
 def fake_model(
-    network: Network, name: str = "fake", rows_at_once: int = ROWS_AT_ONCE, scale: float = 0.5
+    network: Network, name: str = "fake", rows_at_once: int = ROWS_AT_ONCE, **fields: Any
 ) -> Model:
     manifest = Manifest(
-        name=name,
-        version=1,
-        sha256="0" * 64,
-        plants=PlantRange.only(System()),
-        horizon=HORIZON,
-        control_scale=scale,
-        condition=Conditioning.on_states((0.0, 0.0), (1.0, 1.0)),
-        alphas_cumprod=tuple(cosine_alphas_cumprod(TIMESTEPS).tolist()),
-        training={},
-        seeds={},
-        losses=Losses(training=0.1, validation=0.2),
-        libraries={},
+        **{
+            "name": name,
+            "version": 1,
+            "sha256": "0" * 64,
+            "coverage": Coverage.only(System()),
+            "system": System(),
+            "horizon": HORIZON,
+            "condition": Conditioning.on_states((0.0, 0.0), (1.0, 1.0)),
+            "predicts": "noise",
+            "samplers": PAPER_MODEL_SAMPLERS,
+            "trained_on": "Nothing.",
+            "alphas_cumprod": tuple(cosine_alphas_cumprod(TIMESTEPS).tolist()),
+            "training": {},
+            "seeds": {},
+            "losses": Losses(training=0.1, validation=0.2),
+            "libraries": {},
+            **fields,
+        }
     )
     return Model(manifest, network, 0, CPU, Pace(rows_at_once, 1e-6))
 
@@ -126,7 +133,7 @@ class Asked(NamedTuple):
 
     num_candidates: int = 4
     steps: int = 3
-    solver: str = "ddim"
+    solver: Solver = "ddim"
     guidance_scale: float = 2.0
     failure: float = 0.0
     """`RAISES`, `NOT_A_NUMBER` or nothing: the target's velocity."""
@@ -146,10 +153,17 @@ class Asked(NamedTuple):
         return rng.standard_normal((self.num_candidates, self.horizon))
 
     @property
+    def sampler(self) -> Sampler:
+        """With the times of the paper's models."""
+        options = ActionDiffusion(
+            sampler=self.solver, steps=self.steps, guidance_scale=self.guidance_scale
+        )
+        return options.settled(PAPER_MODEL_SAMPLERS)
+
+    @property
     def rows(self) -> int:
         """That go through the network, in all steps."""
-        predictions = 1 if self.guidance_scale in (0.0, 1.0) else 2
-        return self.num_candidates * self.steps * predictions
+        return self.num_candidates * self.sampler.cost(self.num_candidates).network_evaluations
 
     def sampling(self, model: Model, job: Job | None = None) -> Sampling:
         return Sampling(
@@ -157,16 +171,12 @@ class Asked(NamedTuple):
             model,
             self.problem,
             self.noise,
-            self.solver,
-            self.steps,
-            self.guidance_scale,
+            self.sampler,
         )
 
     def alone(self, model: Model) -> FloatArray:
         """Return the controls without any engine; raises what the network or the sampling does."""
-        return sample_alone(
-            model, self.problem, self.noise, self.solver, self.steps, self.guidance_scale
-        )
+        return sample_alone(model, self.problem, self.noise, self.sampler)
 
 
 def many(
@@ -182,7 +192,7 @@ def many(
         Asked(
             num_candidates=int(rng.integers(1, most)),
             steps=int(rng.integers(1, 9)),
-            solver=str(rng.choice(list(SOLVERS))),
+            solver=("ddim", "dpm_solver")[rng.integers(2)],
             guidance_scale=float(rng.choice(guidance_scales)),
             seed=index,
             horizon=horizon,

@@ -1,4 +1,4 @@
-"""Error against network evaluations, for samplers of the learned model: paired, on the same tasks.
+"""Error against network evaluations, for samplers of the paper's model: paired, on the same tasks.
 
 The tasks are the random multi-step ones; the paper's setting is what the others are compared with.
 """
@@ -13,12 +13,13 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from app.evaluation import grid, plots
 from app.evaluation.case import Case
-from app.evaluation.entrants import PAPER_DIFFUSION
+from app.evaluation.entrants import PAPER_DIFFUSION, PAPER_MODEL
 from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Parts, Picture, Size, Suite
 from app.evaluation.tasks import sequence_tasks
 from app.figures.style import BLACK, BLUE, GREY, RED, Look, new_figure
 from app.planning.methods import ActionDiffusion
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler
 
 PAPER = ActionDiffusion(sampler="paper")
 SETTINGS = (
@@ -52,17 +53,19 @@ class SamplerFrontier(Suite):
 
     def questions(self) -> Iterator[Question]:
         for k, setting in product(self.size.budgets, SETTINGS):
-            _, steps, scale = setting.settings
+            sampling = _settled(setting).settings
+            steps, scale = sampling.steps, sampling.guidance_scale
             yield from self.ask(entrant_of(setting), k, steps=steps, guidance_scale=scale)
 
     def report(self, data: pd.DataFrame) -> Parts:
         cases = {setting: Case(data, entrant_of(setting), {}) for setting in SETTINGS}
-        solver, steps, scale = ActionDiffusion().settings
+        default = _settled(ActionDiffusion())
         yield (
             f"Samplers of the learned model on the same {self.size.tasks} random multi-step "
             "sequences. The paper samples with 50 DDIM steps of two network evaluations each, and "
             "guidance scale s = 2; without guidance (s = 1) a step takes one evaluation. The "
-            f"service's default is {SOLVERS[solver][0]} with {steps} steps, s = {scale:g}."
+            f"default with this model is {SOLVERS[default.solver][0]} with "
+            f"{default.settings.steps} steps, s = {default.settings.guidance_scale:g}."
         )
         yield grid.table(
             "Mean end error (m), and in parentheses what it is more than that of the paper's "
@@ -71,8 +74,8 @@ class SamplerFrontier(Suite):
             SETTINGS,
             (
                 grid.Column("Sampler", _name),
-                grid.Column("Steps", lambda setting: str(setting.settings.steps)),
-                grid.Column("s", lambda setting: f"{setting.settings.guidance_scale:g}"),
+                grid.Column("Steps", lambda setting: str(_settled(setting).settings.steps)),
+                grid.Column("s", lambda setting: f"{_settled(setting).settings.guidance_scale:g}"),
                 grid.Column("Evaluations", lambda setting: str(_evaluations(setting))),
                 *(_error_column(cases, k) for k in self.size.budgets),
             ),
@@ -84,19 +87,26 @@ def entrant_of(setting: ActionDiffusion) -> Entrant:
     """Return a sampler as it takes part; the paper's asks what it asks in the other suites."""
     if setting == PAPER:
         return PAPER_DIFFUSION
-    solver, steps, scale = setting.settings
-    name, color = SOLVERS[solver]
+    sampler = _settled(setting)
+    steps, scale = sampler.settings.steps, sampler.settings.guidance_scale
+    name, color = SOLVERS[sampler.solver]
     label = f"{name}, {steps} steps, s = {scale:g}"
-    return Entrant(label, {"method": asdict(setting)}, Look(color, *GUIDANCE[scale]))
+    fields = {"method": asdict(setting), "model": PAPER_MODEL}
+    return Entrant(label, fields, Look(color, *GUIDANCE[scale]))
+
+
+def _settled(setting: ActionDiffusion) -> Sampler:
+    """Return what a setting is with the paper's model."""
+    return setting.settled(PAPER_MODEL_SAMPLERS)
 
 
 def _name(setting: ActionDiffusion) -> str:
-    return SOLVERS[setting.settings.solver][0] + " (paper)" * (setting == PAPER)
+    return SOLVERS[_settled(setting).solver][0] + " (paper)" * (setting == PAPER)
 
 
 def _evaluations(setting: ActionDiffusion) -> int:
     """Return how often the network is evaluated for a plan."""
-    return setting.cost(1).network_evaluations
+    return _settled(setting).cost(1).network_evaluations
 
 
 def _error_column(cases: Cases, k: int) -> grid.Column[ActionDiffusion]:
@@ -121,7 +131,8 @@ def _picture(cases: Cases, budgets: tuple[int, ...]) -> Picture:
             on_line = sorted(
                 (_evaluations(setting), error)
                 for setting, error in errors.items()
-                if setting.settings == (solver, setting.settings.steps, scale)
+                if (sampler := _settled(setting)).solver == solver
+                and sampler.settings.guidance_scale == scale
             )
             look = Look(color, *GUIDANCE[scale])._asdict()
             axes.plot(*zip(*on_line, strict=True), label=f"{name}, s = {scale:g}", **look)

@@ -20,7 +20,7 @@ Kind: TypeAlias = Callable[[Checkpoint, RowThreads], Network]
 KINDS: tuple[Kind, ...] = (CompiledNetwork, ScriptedNetwork)
 """From the fastest to the slowest; the last one is the checkpoint itself and takes every one."""
 TOLERANCE = 1e-4
-"""How far the noise that a network predicts may be from the checkpoint's."""
+"""How far what a network predicts may be from the checkpoint's."""
 CHECKED_TIMES = 8
 WARM_UP_CALLS = 3
 """After so many, TorchScript's executor has profiled, optimised and settled."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 class Network(Protocol):
-    """A noise predictor eps_theta(u_t, t, c) (paper, Eq. 3).
+    """Predicts of (u_t, t, c) what its manifest says: in the paper the noise (Eq. 3).
 
     Its rows have nothing to do with each other: each has its own controls, diffusion time and
     condition.
@@ -26,7 +26,7 @@ class Network(Protocol):
         ...
 
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
-        """Predict the noise in `u_t` (B, H) at times `t` (B,) int64, embeddings (B, E); (B, H)."""
+        """Predict of `u_t` (B, H) at times `t` (B,) int64, embeddings (B, E); (B, H)."""
         ...
 
 

@@ -64,9 +64,9 @@ class CompiledNetwork:
         return linear(silu(embedding), self._condition_weight, self._condition_bias)
 
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
-        """Predict the noise, as `Network.predict`."""
-        noise = torch.empty_like(u_t)
-        controls, times, added, out = (x.numpy() for x in (u_t, t, embedding, noise))
+        """Predict as `Network.predict`."""
+        prediction = torch.empty_like(u_t)
+        controls, times, added, out = (x.numpy() for x in (u_t, t, embedding, prediction))
 
         def work(rows: slice) -> None:
             predict_rows(
@@ -74,7 +74,7 @@ class CompiledNetwork:
             )
 
         self._threads.share(len(u_t), work)
-        return noise
+        return prediction
 
 
 def _channels(parameters: dict[str, Tensor]) -> int:

@@ -11,7 +11,7 @@ from app.inference.torchscript import freeze
 def run_script(
     script: torch.jit.ScriptModule, u_t: Tensor, t: Tensor, condition: Tensor, keep: Tensor
 ) -> Tensor:
-    """Predict the noise in `u_t` (B, H) with a checkpoint's network; (B, H).
+    """Predict of `u_t` (B, H) with a checkpoint's network; (B, H).
 
     Args:
         script: the network.
@@ -23,11 +23,11 @@ def run_script(
     Raises:
         RuntimeError: the network fails, or answers in the wrong shape.
     """
-    noise: Tensor = script(u_t.unsqueeze(1), t, condition, keep)[:, 0]
-    if noise.shape != u_t.shape:
+    prediction: Tensor = script(u_t.unsqueeze(1), t, condition, keep)[:, 0]
+    if prediction.shape != u_t.shape:
         # Assigning it to the rows would broadcast it.
-        raise RuntimeError(f"the output has shape {tuple(noise.shape)}")
-    return noise
+        raise RuntimeError(f"the output has shape {tuple(prediction.shape)}")
+    return prediction
 
 
 class ScriptedNetwork:
@@ -54,14 +54,14 @@ class ScriptedNetwork:
         return embedding
 
     def predict(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
-        """Predict the noise, as `Network.predict`.
+        """Predict as `Network.predict`.
 
         Raises:
             RuntimeError: the network fails, or answers in the wrong shape.
         """
         if u_t.device.type != "cpu":
             return self._run(u_t, t, embedding)
-        noise = torch.empty_like(u_t)
+        prediction = torch.empty_like(u_t)
 
         @torch.inference_mode()
         def work(rows: slice) -> None:
@@ -69,10 +69,10 @@ class ScriptedNetwork:
                 torch.set_num_threads(1)
             count = rows.stop - rows.start
             batch = (_filled(part[rows], ROWS_AT_A_TIME) for part in (u_t, t, embedding))
-            noise[rows] = self._run(*batch)[:count]
+            prediction[rows] = self._run(*batch)[:count]
 
         self._threads.share(len(u_t), work)
-        return noise
+        return prediction
 
     def _run(self, u_t: Tensor, t: Tensor, embedding: Tensor) -> Tensor:
         return run_script(self._unet, u_t, t, embedding[:, :-1], embedding[:, -1] > 0)

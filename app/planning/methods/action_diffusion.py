@@ -1,51 +1,43 @@
 """Action Diffusion (paper, Sect. 3): candidates from the learned p_theta(u | x0, x*)."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from annotated_types import Ge, Le
 
 from app.planning.methods.base import LearnedProposal
+from app.planning.methods.sampler import (
+    PAPER_SAMPLER,
+    GuidanceScale,
+    Sampler,
+    Samplers,
+    SamplerSettings,
+    Solver,
+    Steps,
+)
 from app.planning.options import Options
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
 
-Sampler: TypeAlias = Literal["dpm_solver", "ddim", "paper"]
-Solver: TypeAlias = Literal["dpm_solver", "ddim"]
-
-
-class SamplerSettings(NamedTuple):
-    """What a sampler does where the request does not say."""
-
-    solver: Solver
-    steps: int
-    guidance_scale: float
-
-
-SAMPLER_SETTINGS: dict[Sampler, SamplerSettings] = {
-    "dpm_solver": SamplerSettings("dpm_solver", 3, 2.0),
-    "ddim": SamplerSettings("ddim", 10, 1.5),
-    "paper": SamplerSettings("ddim", 50, 2.0),
-}
-"""Found with `breakaway evaluate sampler-frontier`; the last one is the paper's Table 2."""
+SamplerName: TypeAlias = Solver | Literal["paper"]
 
 
 @dataclass(frozen=True, slots=True)
 class ActionDiffusion(Options):
     """Sampling from the diffusion model with classifier-free guidance.
 
-    These are options alone; with a model they make a method, `Learned`.
+    These are options alone: a model settles what they leave open, and makes a method of them.
     """
 
     name: Literal["action_diffusion"] = "action_diffusion"
-    sampler: Sampler = "dpm_solver"
-    """`dpm_solver` is DPM-Solver++ (2M); `paper` is `ddim` with the paper's steps and guidance."""
-    steps: Annotated[int, Ge(1), Le(1000)] | None = None
-    """Denoising steps; by default 3 (`dpm_solver`), 10 (`ddim`) or 50 (`paper`)."""
-    guidance_scale: Annotated[float, Ge(0), Le(20)] | None = None
-    """s: 0 ignores the states, 1 samples the conditional model, above 1 sharpens it; by default 2
-    (`dpm_solver`, `paper`) or 1.5 (`ddim`)."""
+    sampler: SamplerName = "dpm_solver"
+    """`dpm_solver` is DPM-Solver++ (2M); `paper` is `ddim` with the paper's 50 steps and guidance
+    scale of 2."""
+    steps: Steps | None = None
+    """Denoising steps; by default the model's own (see /models)."""
+    guidance_scale: GuidanceScale | None = None
+    """s: 0 ignores the task, 1 samples the conditional model, above 1 sharpens it; by default the
+    model's own (see /models)."""
 
     def check_combination(self) -> None:
         """Check what the ranges do not say.
@@ -56,36 +48,27 @@ class ActionDiffusion(Options):
         if self.sampler == "paper" and (self.steps, self.guidance_scale) != (None, None):
             raise ValueError("the paper's sampler has its own steps and guidance_scale; use ddim")
 
-    @property
-    def settings(self) -> SamplerSettings:
-        """What the sampler does, nothing left open."""
-        settings = SAMPLER_SETTINGS[self.sampler]
-        if self.steps is not None:
-            settings = settings._replace(steps=self.steps)
-        if self.guidance_scale is not None:
-            settings = settings._replace(guidance_scale=self.guidance_scale)
-        return settings
-
-    def cost(self, num_candidates: int) -> Cost:
-        """Two predictions a step, or one where guidance has only one to weigh (s = 0 or 1)."""
-        settings = self.settings
-        predictions = 1 if settings.guidance_scale in (0.0, 1.0) else 2
-        return Cost(
-            network_evaluations=settings.steps * predictions, predictions_per_step=predictions
-        )
+    def settled(self, samplers: Samplers) -> Sampler:
+        """Return the sampler that is meant, of a model with these defaults."""
+        if self.sampler == "paper":
+            return PAPER_SAMPLER
+        defaults: SamplerSettings = getattr(samplers, self.sampler)
+        said: dict[str, Any] = {"steps": self.steps, "guidance_scale": self.guidance_scale}
+        said = {name: value for name, value in said.items() if value is not None}
+        return Sampler(self.sampler, replace(defaults, **said))
 
 
 @dataclass(frozen=True, slots=True)
 class Learned:
-    """Action Diffusion that can propose: its options, and the model that they are for."""
+    """Action Diffusion that can propose: its sampler, and the model that it samples from."""
 
-    options: ActionDiffusion
+    sampler: Sampler
     proposal: LearnedProposal
 
     @property
     def name(self) -> str:
         """The method's."""
-        return self.options.name
+        return self.sampler.name
 
     def propose(
         self,
@@ -96,8 +79,8 @@ class Learned:
     ) -> Candidates:
         """Denoise (K, H) standard normal draws of `rng` into controls."""
         noise = rng.standard_normal((num_candidates, problem.horizon))
-        return self.proposal.sample(problem, noise, *self.options.settings)
+        return self.proposal.sample(problem, noise, self.sampler)
 
     def cost(self, num_candidates: int) -> Cost:
-        """The options'."""
-        return self.options.cost(num_candidates)
+        """The sampler's."""
+        return self.sampler.cost(num_candidates)

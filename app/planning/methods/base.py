@@ -5,15 +5,20 @@ from typing import Protocol
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.methods.sampler import Sampler
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
 
 
-class MethodOptions(Protocol):
-    """A method by name and options: what it costs is known, whether or not it can propose yet."""
+class Named(Protocol):
+    """A method by name and options: what it costs may depend on a model."""
 
     @property
     def name(self) -> str: ...
+
+
+class MethodOptions(Named, Protocol):
+    """A method with nothing left open: what it costs is known, whether it can propose or not."""
 
     def cost(self, num_candidates: int) -> Cost:
         """Return what proposing takes."""
@@ -41,8 +46,6 @@ class InvalidStepCount(ValueError):
 class LearnedProposal(Protocol):
     """A generative model of control sequences, p_theta(u | x0, x*) (paper, Eq. 1)."""
 
-    def sample(
-        self, problem: Problem, noise: FloatArray, solver: str, steps: int, guidance_scale: float
-    ) -> Candidates:
+    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
         """Turn standard normal `noise` (K, H) into control sequences (K, H) for `problem`."""
         ...

@@ -5,12 +5,12 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from app.planning.methods.base import Method, MethodOptions
+from app.planning.methods.base import Method, MethodOptions, Named
 from app.planning.methods.optimiser import Optimiser
 from app.planning.problem import Candidates, Cost, PlanningError, Problem
 from app.planning.stop import NEVER, Stop
 
-Initial_co = TypeVar("Initial_co", bound=MethodOptions, covariant=True)
+Initial_co = TypeVar("Initial_co", bound=Named, covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,6 @@ class WarmStarted(Generic[Initial_co]):
         improved = self.optimiser.improve(problem, num_candidates, rng, controls, stop)
         return Candidates(improved.controls, initial.queue_ms + improved.queue_ms)
 
-    def cost(self, num_candidates: int) -> Cost:
+    def cost(self: "WarmStarted[MethodOptions]", num_candidates: int) -> Cost:
         """What both take: the initial candidates are rolled out as the first population is."""
         return self.initial.cost(num_candidates) + self.optimiser.cost(num_candidates)

@@ -1,6 +1,6 @@
 """Numbers of a plant or a task, by name: what learned models are told, and what they cover."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import TypeAlias
 
@@ -18,6 +18,9 @@ PlantFeature: TypeAlias = Callable[[Plant, int], Value]
 TaskFeature: TypeAlias = Callable[[Task, int], Value]
 """Of a task and a horizon H."""
 
+LEAST = 1e-12
+"""m/s^2: no friction is counted as less, where something is divided by it."""
+
 
 def _natural(field: str) -> PlantFeature:
     """Return the feature that is a field of the plant in its natural units."""
@@ -31,8 +34,20 @@ def _own(field: str) -> PlantFeature:
     return lambda plant, _: get(plant)
 
 
+def _ratio(numerator: str, denominator: str) -> PlantFeature:
+    """Return the feature that is one field over another; 0 where there is nothing of both."""
+    above, below = attrgetter(numerator), attrgetter(denominator)
+
+    def ratio(plant: Plant, _: int) -> Value:
+        value: Value = above(plant) / np.maximum(below(plant), LEAST)
+        return value
+
+    return ratio
+
+
 def _log_threshold(plant: Plant, _: int) -> Value:
-    return np.log(in_natural_units(plant).velocity_threshold)
+    threshold: Value = np.log(in_natural_units(plant).velocity_threshold)
+    return threshold
 
 
 def _stribeck_share(plant: Plant, _: int) -> Value:
@@ -44,22 +59,22 @@ PLANT_FEATURES: dict[str, PlantFeature] = {
     **{field: _own(field) for field in Plant._fields},
     "static_forward_over_limit": _natural("static_forward"),
     "static_backward_over_limit": _natural("static_backward"),
-    "static_backward_over_forward": lambda plant, _: plant.static_backward / plant.static_forward,
+    "static_backward_over_forward": _ratio("static_backward", "static_forward"),
     "coulomb_forward_over_limit": _natural("coulomb_forward"),
     "coulomb_backward_over_limit": _natural("coulomb_backward"),
-    "coulomb_over_static_forward": lambda plant, _: plant.coulomb_forward / plant.static_forward,
-    "coulomb_over_static_backward": lambda plant, _: plant.coulomb_backward / plant.static_backward,
+    "coulomb_over_static_forward": _ratio("coulomb_forward", "static_forward"),
+    "coulomb_over_static_backward": _ratio("coulomb_backward", "static_backward"),
     "damping_forward_times_horizon": lambda plant, horizon: (
         plant.damping_forward * plant.time_step * horizon
     ),
     "damping_backward_times_horizon": lambda plant, horizon: (
         plant.damping_backward * plant.time_step * horizon
     ),
-    "root_damping_forward": lambda plant, horizon: (
-        np.sqrt(plant.damping_forward * plant.time_step * horizon)
+    "root_damping_forward": lambda plant, horizon: np.sqrt(
+        plant.damping_forward * plant.time_step * horizon
     ),
-    "root_damping_backward": lambda plant, horizon: (
-        np.sqrt(plant.damping_backward * plant.time_step * horizon)
+    "root_damping_backward": lambda plant, horizon: np.sqrt(
+        plant.damping_backward * plant.time_step * horizon
     ),
     "bias_over_limit": _natural("bias"),
     "velocity_threshold_over_step": _natural("velocity_threshold"),
@@ -87,3 +102,23 @@ TASK_FEATURES: dict[str, TaskFeature] = {
     ),
 }
 """m and m/s, or shares of the plant's scales."""
+
+
+def feature_values(names: Sequence[str], task: Task, horizon: int) -> FloatArray:
+    """Return features (N, C) of a task and its plant, by name.
+
+    Args:
+        names: C of `TASK_FEATURES` and `PLANT_FEATURES`.
+        task: the fields of it and of its plant are floats or (N,).
+        horizon: H.
+    """
+    fields = (*task[:-1], *task.plant)
+    (num_tasks,) = np.broadcast_shapes((1,), *(np.shape(field) for field in fields))
+    values = np.empty((num_tasks, len(names)))
+    for column, name in zip(values.T, names, strict=True):
+        column[:] = (
+            TASK_FEATURES[name](task, horizon)
+            if name in TASK_FEATURES
+            else PLANT_FEATURES[name](task.plant, horizon)
+        )
+    return values

@@ -1,0 +1,46 @@
+"""What `breakaway models` prints of the models of a store."""
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Column, Table
+
+from app.inference.manifest import Manifest
+from app.planning.methods.sampler import SamplerSettings
+
+
+def print_models(manifests: Sequence[Manifest]) -> None:
+    """Print a line for each model, and below them what each covers and was trained on."""
+    console = Console(highlight=False)
+    table = Table(
+        Column("model", no_wrap=True),
+        Column("H", justify="right"),
+        "predicts",
+        Column("loss", justify="right"),
+        "sha256",
+        box=SIMPLE,
+    )
+    for manifest in manifests:
+        table.add_row(
+            _label(manifest),
+            str(manifest.horizon),
+            manifest.predicts,
+            f"{manifest.losses.validation:.4f}",
+            manifest.sha256[:12],
+        )
+    console.print(table)
+    for manifest in manifests:
+        console.print(f"{_label(manifest)}: plants with {manifest.coverage}.")
+        console.print(f"Trained on: {manifest.trained_on}")
+        samplers = manifest.samplers
+        defaults = (_sampler("dpm_solver", samplers.dpm_solver), _sampler("ddim", samplers.ddim))
+        console.print(f"By default: {', '.join(defaults)}.\n")
+
+
+def _label(manifest: Manifest) -> str:
+    return f"{manifest.name}/{manifest.version}"
+
+
+def _sampler(name: str, settings: SamplerSettings) -> str:
+    return f"{name} with {settings.steps} steps, s = {settings.guidance_scale:g}"

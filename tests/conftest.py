@@ -1,11 +1,14 @@
 """A model store with a tiny model: real training, real TorchScript, nothing learned."""
 
+import json
+import shutil
 from pathlib import Path
 
 import pytest
 import torch
 from hypothesis import settings
 
+from app.evaluation.entrants import PAPER_MODEL
 from app.serving.kernels import NETWORK, PLANNING, prepare
 from training.config import DEFAULT_CONFIG, TrainingConfig
 from training.export import export
@@ -28,7 +31,12 @@ def tiny_config() -> TrainingConfig:
     config = TrainingConfig.read(DEFAULT_CONFIG).model_dump()
     config["name"] = MODEL
     config["data"] |= {"training_samples": 64, "validation_samples": 16}
-    config["network"] = {"channels": 16, "time_dimension": 8, "condition_dimension": 8}
+    config["network"] = {
+        "kind": "unet",
+        "channels": 16,
+        "time_dimension": 8,
+        "condition_dimension": 8,
+    }
     config["optimisation"] |= {"steps": 2, "batch_size": 32, "validation_interval": 2}
     return TrainingConfig.model_validate(config)
 
@@ -42,4 +50,14 @@ def model_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trainer = Trainer(tiny_config(), run, torch.device("cpu"))
     trainer.run()
     export(trainer, folder, run / "training.log")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def paper_store(model_store: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store that holds the tiny model under the name that the evaluation asks for."""
+    folder = tmp_path_factory.mktemp("paper_store")
+    version = shutil.copytree(model_store / MODEL / "1", folder / PAPER_MODEL / "1")
+    manifest = json.loads((version / "manifest.json").read_text())
+    (version / "manifest.json").write_text(json.dumps(manifest | {"name": PAPER_MODEL}))
     return folder

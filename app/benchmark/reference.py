@@ -15,16 +15,13 @@ from torch.utils.flop_counter import FlopCounterMode
 from app.benchmark.pairing import median_ms
 from app.inference.checkpoint import GROUPS
 from app.inference.device import CPU
-from app.inference.diffusion_times import CLEAN, diffusion_times
+from app.inference.diffusion_times import CLEAN
 from app.inference.manifest import Manifest
 from app.inference.torchscript import freeze, read_torchscript
 from app.planning.arrays import FloatArray
+from app.planning.methods.sampler import PAPER_SAMPLER
 from app.planning.plant.natural_units import natural_units
 from app.planning.problem import Problem
-
-STEPS = 50
-GUIDANCE_SCALE = 2.0
-"""The paper's (Table 2)."""
 
 
 class PaperNetwork:
@@ -106,12 +103,14 @@ class Reference:
         alphas_cumprod = self._manifest.alphas_cumprod
         u = torch.tensor(noise, dtype=torch.float32).unsqueeze(1)
         condition = torch.from_numpy(self._manifest.encode(problem)).expand(len(u), -1)
-        for t, next_t in pairwise(diffusion_times(len(alphas_cumprod), STEPS, 1.0, 0.0)):
+        for t, next_t in pairwise(self._manifest.times(PAPER_SAMPLER.settings)):
             alpha = alphas_cumprod[t]
             next_alpha = 1.0 if next_t == CLEAN else alphas_cumprod[next_t]
             times = torch.full((len(u),), t)
             without = self._network(u, times, None)
-            epsilon = without + GUIDANCE_SCALE * (self._network(u, times, condition) - without)
+            epsilon = without + PAPER_SAMPLER.settings.guidance_scale * (
+                self._network(u, times, condition) - without
+            )
             clean = ((u - math.sqrt(1 - alpha) * epsilon) / math.sqrt(alpha)).clamp(-1, 1)
             epsilon = (u - math.sqrt(alpha) * clean) / math.sqrt(1 - alpha)
             u = math.sqrt(next_alpha) * clean + math.sqrt(1 - next_alpha) * epsilon

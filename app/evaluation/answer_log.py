@@ -9,7 +9,7 @@ import fcntl
 import json
 import lzma
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -81,6 +81,7 @@ class AnswerLog:
                 raise EvaluationError(f"{self._packed} is damaged: {error}") from None
         self.sessions: list[Session] = []
         self._answers: dict[str, Answer] = {}
+        self._uncovered: set[str] = set()
         self._file = self._path.open("ab+", buffering=0)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -93,10 +94,14 @@ class AnswerLog:
             raise
 
     def __contains__(self, question: Question) -> bool:
-        return question.key in self._answers
+        """Whether there is nothing left to ask: it is answered, or no model covers it."""
+        return question.key in self._answers or question.key in self._uncovered
 
-    def __getitem__(self, question: Question) -> Answer:
-        return self._answers[question.key]
+    def answered(self, questions: Iterable[Question]) -> Iterator[tuple[Question, Answer]]:
+        """Yield those that are answered, with their answers."""
+        for question in questions:
+            if question.key in self._answers:
+                yield question, self._answers[question.key]
 
     def begin(self, session: Session) -> None:
         """Say who answers from here on.
@@ -122,6 +127,11 @@ class AnswerLog:
         }
         self._write(kept)
         self._answers[question.key] = Answer(kept["answer"], kept["latency_ms"])
+
+    def leave_out(self, question: Question) -> None:
+        """Keep that no model of the service covers a question."""
+        self._write(question.body | {"uncovered": True})
+        self._uncovered.add(question.key)
 
     def pack(self) -> None:
         """Compress the log, once there is nothing left to ask."""
@@ -156,6 +166,9 @@ class AnswerLog:
             raise TypeError("not an object")
         if "session" in line:
             self.sessions.append(Session.model_validate(line["session"]))
+            return
+        if line.pop("uncovered", False):
+            self._uncovered.add(key_of(line))
             return
         answer = Answer(line.pop("answer"), line.pop("latency_ms"))
         self._answers[key_of(line)] = answer

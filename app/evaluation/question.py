@@ -48,6 +48,8 @@ class Question:
     request: AnyRequest
     trajectories: bool = False
     """Whether controls, states and candidates of the answer are wanted, or its measures alone."""
+    if_covered: bool = False
+    """Whether it is left out where no model of the service covers its plant."""
 
     @property
     def num_plans(self) -> int:

@@ -65,10 +65,7 @@ async def evaluate(
         if suites[0].quick:
             settings += ", quick: sizes cut down, numbers mean little"
         with matplotlib.rc_context(fname=STYLE_FILE):
-            sections = [
-                suite.section((question, log[question]) for question in asked)
-                for suite, asked in questions.items()
-            ]
+            sections = [suite.section(log.answered(asked)) for suite, asked in questions.items()]
             report = write_report(directory, log.sessions, settings, sections)
         log.pack()
     return report
@@ -83,8 +80,12 @@ async def _complete(
 ) -> None:
     await client.wait_until_ready()
     info, models = await client.info(), await client.models()
-    questions = [question for _, question in missing.values()]
     served = ServedModels(info.nominal_system, models)
+    questions: list[Question] = []
+    uncovered: list[Question] = []
+    for _, question in missing.values():
+        left_out = question.if_covered and not served.can_answer(question)
+        (uncovered if left_out else questions).append(question)
     # Now, and not after hours: a plant may have no model.
     costs = {question.key: served.cost(question) for question in questions}
     about = {
@@ -93,6 +94,8 @@ async def _complete(
         "concurrency": concurrency,
     }
     log.begin(Session.model_validate(info.model_dump() | about))
+    for question in uncovered:
+        log.leave_out(question)
     network = any(cost.network_evaluations for cost in costs.values())
     rates = await measure_rates(client, served, network=network)
     seconds = {question.key: rates.seconds(question, costs[question.key]) for question in questions}

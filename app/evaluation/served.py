@@ -20,20 +20,10 @@ class ServedModels:
     models: Sequence[ModelDescription]
     """In the order in which the service looks for one that covers a plant."""
 
-    def model_for(self, request: AnyRequest) -> ModelDescription:
-        """Return the model that a request needs.
-
-        Raises:
-            EvaluationError: there is none.
-        """
-        for model in self.models:
-            if request.model:
-                if request.model in (model.name, f"{model.name}/{model.version}"):
-                    return model
-            elif model.covers(request.system or self.nominal, request.horizon or DEFAULT_HORIZON):
-                return model
-        wanted = f"{request.model!r}" if request.model else f"that covers {request.system}"
-        raise EvaluationError(f"the service has no model {wanted}")
+    def can_answer(self, question: Question) -> bool:
+        """Say whether there is a model for it, if it needs one."""
+        request = question.request
+        return not needs_model(request.recipe().method) or self._model_for(request) is not None
 
     def cost(self, question: Question) -> Cost:
         """Return what all plans of an answer take, refinement apart.
@@ -41,10 +31,23 @@ class ServedModels:
         Raises:
             EvaluationError: there is no model for it.
         """
-        recipe = question.request.recipe()
-        samplers = None
+        request, samplers = question.request, None
+        recipe = request.recipe()
         if needs_model(recipe.method):
-            samplers = self.model_for(question.request).samplers
-        each = recipe.settled(samplers).unrefined.cost()
-        count = question.num_plans
+            model = self._model_for(request)
+            if model is None:
+                wanted = request.model or f"that was trained for {request.system or self.nominal}"
+                raise EvaluationError(f"the service has no model {wanted}")
+            samplers = model.samplers
+        each, count = recipe.settled(samplers).unrefined.cost(), question.num_plans
         return Cost(count * each.network_evaluations, count * each.rollouts)
+
+    def _model_for(self, request: AnyRequest) -> ModelDescription | None:
+        """Return the model that the service takes for a request."""
+        for model in self.models:
+            if request.model:
+                if request.model in (model.name, f"{model.name}/{model.version}"):
+                    return model
+            elif model.covers(request.system or self.nominal, request.horizon or DEFAULT_HORIZON):
+                return model
+        return None

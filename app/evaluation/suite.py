@@ -111,6 +111,8 @@ class Suite(ABC):
         entrant: Entrant,
         num_candidates: int,
         draw_tasks: DrawTasks | None = None,
+        *,
+        if_covered: bool = False,
         **labels: str | float,
     ) -> Iterator[Question]:
         """Ask an entrant for every run of every task.
@@ -119,6 +121,7 @@ class Suite(ABC):
             entrant: who is asked.
             num_candidates: K.
             draw_tasks: where the suite has none of its own.
+            if_covered: whether nothing is asked where no model covers the plant.
             labels: more columns of the data.
 
         Raises:
@@ -128,7 +131,9 @@ class Suite(ABC):
         who = labels | {"entrant": entrant.label, "num_candidates": num_candidates}
         for (number, task), run in product(enumerate(tasks), range(self.size.runs)):
             request = entrant.request(task, num_candidates, request_seed(self.seed, number, run))
-            yield Question(who | {"task": number, "run": run}, request, self.trajectories)
+            yield Question(
+                who | {"task": number, "run": run}, request, self.trajectories, if_covered
+            )
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
         """Return what an answer adds to the suite's data: by default one row of its measures."""

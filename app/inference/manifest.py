@@ -21,7 +21,8 @@ from pydantic import (
 
 from app.inference.conditioning import Conditioning
 from app.inference.diffusion_times import diffusion_times
-from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Samplers
+from app.planning.methods.base import InvalidStepCount
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Samplers, SamplerSettings
 from app.planning.plant.coverage import Coverage
 from app.planning.plant.natural_units import natural_units
 from app.planning.plant.system import System
@@ -87,15 +88,22 @@ class Manifest(_AnyManifest):
     def _goes_together(self) -> Self:
         if not self.covers(self.system, self.horizon):
             raise ValueError("the coverage does not cover the model's own system")
-        for settings in (self.samplers.dpm_solver, self.samplers.ddim):
-            diffusion_times(
-                len(self.alphas_cumprod), settings.steps, settings.first_time, settings.last_time
-            )
+        for sampler in (self.samplers.dpm_solver, self.samplers.ddim):
+            try:
+                self.times(sampler)
+            except InvalidStepCount as error:
+                raise ValueError(f"samplers: {error}") from error
         return self
 
     def covers(self, system: System, horizon: int) -> bool:
         """Say whether the model was trained for such a plant and horizon."""
         return self.horizon == horizon and self.coverage.covers(system, horizon)
+
+    def times(self, sampler: SamplerSettings) -> list[int]:
+        """Return the diffusion times of a sampler; errors as for `diffusion_times`."""
+        return diffusion_times(
+            len(self.alphas_cumprod), sampler.steps, sampler.first_time, sampler.last_time
+        )
 
     def encode(self, problem: Problem) -> NDArray[np.float32]:
         """Return what the network knows of a problem, (C,)."""

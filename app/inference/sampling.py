@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from app.inference.diffusion_times import diffusion_times
 from app.inference.job import Job
 from app.inference.model import Model
 from app.inference.solvers import SOLVERS
@@ -63,12 +62,7 @@ class Sampling:
         self._units = natural_units(problem.system.plant)
         self._steps = SOLVERS[sampler.solver](
             torch.tensor(noise, dtype=torch.float32, device=model.device),
-            diffusion_times(
-                len(manifest.alphas_cumprod),
-                settings.steps,
-                settings.first_time,
-                settings.last_time,
-            ),
+            manifest.times(settings),
             manifest.alphas_cumprod,
             manifest.predicts,
         )

@@ -44,8 +44,15 @@ def test_models_are_listed_with_what_they_are_for(client: httpx.Client) -> None:
     (model,) = client.get("/models").json()
     assert model["name"] == "tiny"
     assert model["version"] == "1"
-    assert model["plants"]["static_friction"] == [0.7, 0.7]
+    assert model["plants"].startswith("static_friction 0.7, coulomb_friction 0.6,")
+    assert model["coverage"]["ranges"]["static_forward"] == [0.7, 0.7]
+    assert model["system"]["static_friction"] == 0.7
+    assert model["trained_on"]
+    assert model["predicts"] == "noise"
     assert model["horizon"] == 64
+    samplers = model["samplers"]
+    assert samplers.keys() == {"dpm_solver", "ddim"}
+    assert samplers["ddim"].keys() == {"steps", "guidance_scale", "first_time", "last_time"}
     assert model["diffusion_timesteps"] == 200
 
 

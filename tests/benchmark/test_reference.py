@@ -14,7 +14,8 @@ from app.inference.job import Job
 from app.inference.model_store import ModelStore
 from app.inference.torchscript import read_torchscript
 from app.inference.verification import verify
-from app.planning.methods import ActionDiffusion, Learned
+from app.planning.methods import Learned
+from app.planning.methods.sampler import PAPER_SAMPLER
 from app.planning.problem import Problem
 
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
@@ -61,9 +62,10 @@ def test_the_engine_samples_the_same_controls_with_the_setting_of_the_paper(
     manifest, checkpoint = verify(model_store / "tiny" / "1")
     expected = Reference(checkpoint, manifest).sample(PROBLEM, noise)
 
-    method = ActionDiffusion(sampler="paper")
-    proposal = engine.bind(model, Job(5 * method.cost(5).network_evaluations))
-    controls = Learned(method, proposal).propose(PROBLEM, 5, np.random.default_rng(3)).controls
+    proposal = engine.bind(model, Job(5 * PAPER_SAMPLER.cost(5).network_evaluations))
+    controls = (
+        Learned(PAPER_SAMPLER, proposal).propose(PROBLEM, 5, np.random.default_rng(3)).controls
+    )
 
     assert expected.std() > 0.1
     np.testing.assert_allclose(controls, expected, rtol=0, atol=1e-4)

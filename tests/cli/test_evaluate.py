@@ -14,9 +14,9 @@ from tests.cli.command import invoke, run
 from tests.served import running
 
 
-def test_a_quick_evaluation_says_where_its_report_is(model_store: Path, tmp_path: Path) -> None:
+def test_a_quick_evaluation_says_where_its_report_is(paper_store: Path, tmp_path: Path) -> None:
     options = ("multistep-reference", "--quick", "--out", "found")
-    done = run("evaluate", *options, cwd=tmp_path, store=model_store)
+    done = run("evaluate", *options, cwd=tmp_path, store=paper_store)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "found/report.md\n"
     assert "## A multi-step reference (Figure 4)" in (tmp_path / "found/report.md").read_text()

@@ -12,6 +12,11 @@ def test_it_lists_the_shipped_models_from_any_directory(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     for manifest in SHIPPED_MODELS.glob("*/*/manifest.json"):
         assert manifest.parent.parent.name in done.stdout
+    words = " ".join(done.stdout.split())
+    assert "dry-friction-fs0.7/1: plants with static_friction 0.7, coulomb_friction 0.6," in words
+    assert "Trained on: Rollouts of random controls" in words
+    assert "By default: dpm_solver with 3 steps, s = 2, ddim with 10 steps, s = 1.5." in words
+    assert "…" not in done.stdout
 
 
 def test_it_lists_the_machines_and_who_published_them() -> None:

@@ -1,10 +1,14 @@
 """Questions, answers and a service, all made up."""
 
 from datetime import UTC, datetime
+from typing import Any
 
 from app.evaluation.answer_log import Session
 from app.evaluation.question import Question
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS
+from app.planning.plant.coverage import Coverage
 from app.planning.plant.system import System
+from app.wire.about import ModelDescription
 from app.wire.answers import (
     CostReport,
     ModelReference,
@@ -25,6 +29,27 @@ def question(seed: int, method: str = "uniform", *, trajectories: bool = False) 
         "seed": seed,
     }
     return Question({"task": seed}, PlanRequest.model_validate(request), trajectories)
+
+
+def model_description(name: str = "tiny", **fields: Any) -> ModelDescription:
+    """A model of the paper's plant."""
+    return ModelDescription(
+        **{
+            "name": name,
+            "version": "1",
+            "sha256": SHA256,
+            "trained_on": "Nothing.",
+            "plants": "The paper's.",
+            "coverage": Coverage.only(System()),
+            "system": System(),
+            "horizon": 64,
+            "predicts": "noise",
+            "samplers": PAPER_MODEL_SAMPLERS,
+            "diffusion_timesteps": 200,
+            "validation_loss": 0.1,
+            **fields,
+        }
+    )
 
 
 def answer_to(request: PlanRequest, model_sha256: str = SHA256) -> PlanResponse:

@@ -37,8 +37,9 @@ def complete(log: AnswerLog) -> None:
 
 def assert_complete(log: AnswerLog) -> None:
     assert log.sessions == [session()]
-    for asked in QUESTIONS:
-        assert log[asked] == Answer(content(asked), 12.346)
+    assert list(log.answered(QUESTIONS)) == [
+        (asked, Answer(content(asked), 12.346)) for asked in QUESTIONS
+    ]
 
 
 @pytest.fixture
@@ -61,6 +62,18 @@ def test_every_answer_is_in_the_file_at_once(tmp_path: Path) -> None:
         for number, asked in enumerate(QUESTIONS, 2):
             log.append(asked, content(asked), 1.0)
             assert (tmp_path / "answers.jsonl").read_bytes().count(b"\n") == number
+
+
+def test_what_no_model_covers_is_left_out_for_good_and_is_not_an_answer(tmp_path: Path) -> None:
+    with AnswerLog(tmp_path) as log:
+        log.begin(session())
+        log.append(QUESTIONS[0], content(QUESTIONS[0]), 1.0)
+        log.leave_out(QUESTIONS[1])
+    for _ in range(2):
+        with AnswerLog(tmp_path) as log:
+            assert [asked in log for asked in QUESTIONS] == [True, True, False]
+            assert [asked for asked, _ in log.answered(QUESTIONS)] == QUESTIONS[:1]
+            log.pack()
 
 
 def test_a_log_cut_anywhere_keeps_its_complete_lines_and_goes_on(path: Path) -> None:
@@ -203,8 +216,11 @@ def test_trajectories_are_kept_only_when_wanted(tmp_path: Path) -> None:
             log.append(asked, {**plan, "segments": [plan, plan]}, 1.0)
     with AnswerLog(tmp_path) as log:
         segments = [{"terminal_error": 0.1}] * 2
-        assert log[wanted].content == {**plan, "segments": segments}
-        assert log[unwanted].content == {"terminal_error": 0.1, "segments": segments}
+        kept = [answer.content for _, answer in log.answered([wanted, unwanted])]
+        assert kept == [
+            {**plan, "segments": segments},
+            {"terminal_error": 0.1, "segments": segments},
+        ]
 
 
 def test_compute_time_is_the_service_s_own_without_waiting() -> None:

@@ -10,10 +10,17 @@ from app.client.planner_client import AsyncPlannerClient
 from app.evaluation import estimate
 from app.evaluation.estimate import Rates, measure_rates
 from app.evaluation.question import Question
+from app.evaluation.served import ServedModels
+from app.planning.plant.system import System
 from app.wire.requests import MultistepPlanRequest, PlanRequest
-from tests.evaluation.fakes import answer_to
+from tests.evaluation.fakes import answer_to, model_description
 
+SERVED = ServedModels(System(), [model_description()])
 TRUE = Rates(plan=0.01, network_row=1e-4, rollout=1e-5, refinement=0.5)
+
+
+def seconds_of(rates: Rates, question: Question) -> float:
+    return rates.seconds(question, SERVED.cost(question))
 
 
 def measure(
@@ -25,14 +32,14 @@ def measure(
 
     def handle(sent: httpx.Request) -> httpx.Response:
         request = PlanRequest.model_validate_json(sent.content)
-        clock[0] += rates.seconds(Question({}, request)) * (1 if request in asked else 10)
+        clock[0] += seconds_of(rates, Question({}, request)) * (1 if request in asked else 10)
         asked.append(request)
         return httpx.Response(200, text=answer_to(request).model_dump_json())
 
     async def run() -> Rates:
         transport = httpx.MockTransport(handle)
         async with AsyncPlannerClient("http://nowhere", transport=transport) as client:
-            return await measure_rates(client, network=network)
+            return await measure_rates(client, SERVED, network=network)
 
     monkeypatch.setattr(estimate, "perf_counter", lambda: clock[0])
     return asyncio.run(run()), asked
@@ -71,4 +78,4 @@ def test_no_rate_is_negative(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_request_takes_the_sum_of_its_parts(fields: dict[str, Any], seconds: float) -> None:
     request = {"initial_state": (0.0, 0.0), "targets": [(0.2, 0.0), (0.0, 0.0)], **fields}
     question = Question({}, MultistepPlanRequest.model_validate(request))
-    assert TRUE.seconds(question) == pytest.approx(seconds)
+    assert seconds_of(TRUE, question) == pytest.approx(seconds)

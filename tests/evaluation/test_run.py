@@ -88,10 +88,12 @@ class Small(Suite):
     draw_tasks = staticmethod(sequence_tasks)
     FULL = Size(budgets=(4,), tasks=3, runs=2, entrants=(UNIFORM, DIFFUSION))
     system: System | None = None
+    if_covered: bool = False
 
     def questions(self) -> Iterator[Question]:
         for entrant in self.size.entrants:
-            yield from self.ask(entrant.asking(system=self.system), 4)
+            asked = entrant.asking(system=self.system)
+            yield from self.ask(asked, 4, if_covered=self.if_covered)
 
     def report(self, data: pd.DataFrame) -> Parts:
         yield "A few."
@@ -151,10 +153,10 @@ def evaluate_with_kills(
     ],
 )
 def test_killed_at_any_moment_it_goes_on_and_ends_the_same(
-    model_store: Path, tmp_path: Path, suite: type[Suite], seed: int, num_kills: int
+    paper_store: Path, tmp_path: Path, suite: type[Suite], seed: int, num_kills: int
 ) -> None:
     rng = random.Random(seed)
-    whole, killed = Recorder(model_store), Recorder(model_store)
+    whole, killed = Recorder(paper_store), Recorder(paper_store)
     with whole.running() as url:
         run(suite(seed=0, quick=True), url, tmp_path / "whole")
     number = len(whole.asked)
@@ -228,3 +230,17 @@ def test_a_plant_without_a_model_is_refused_before_anything_is_asked(
     assert not service.asked
     with AnswerLog(tmp_path) as log:
         assert not log.sessions
+
+
+def test_what_no_model_covers_is_left_out_where_a_suite_says_so_and_not_looked_for_again(
+    model_store: Path, tmp_path: Path
+) -> None:
+    suite = Small(seed=0, system=System(static_friction=0.65), if_covered=True)
+    service = Recorder(model_store)
+    with service.running() as url:
+        run(suite, url, tmp_path)
+
+    assert len(service.asked) == SMALL_QUESTIONS / 2
+    data = pd.read_csv(tmp_path / "data/small.csv")
+    assert set(data.entrant) == {UNIFORM.label}
+    run(suite, "http://nowhere", tmp_path)

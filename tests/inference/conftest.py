@@ -14,7 +14,7 @@ from app.inference.torchscript import to_torchscript
 from app.planning.methods.sampler import Samplers, SamplerSettings
 from app.planning.plant.coverage import Coverage
 from app.planning.plant.system import System
-from training.config import NetworkConfig
+from training.config import UNetConfig
 from training.schedule import cosine_alphas_cumprod
 from training.unet import UNet
 
@@ -28,7 +28,7 @@ SAMPLERS = Samplers(
 
 def _checkpoint(seed: int) -> bytes:
     torch.manual_seed(seed)
-    network = NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)
+    network = UNetConfig(kind="unet", channels=16, time_dimension=8, condition_dimension=8)
     return to_torchscript(UNet(network, condition_size=4))
 
 

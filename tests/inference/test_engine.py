@@ -27,6 +27,7 @@ from app.inference.torchscript import read_torchscript
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned
 from app.planning.methods.base import InvalidStepCount
+from app.planning.methods.sampler import PAPER_SAMPLER, Solver
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import PlanningError, Problem
@@ -109,10 +110,12 @@ def controls(
     seed: int = 0,
     steps: int = 5,
     guidance_scale: float = 2.0,
-    solver: str = "ddim",
+    solver: Solver = "ddim",
 ) -> FloatArray:
     proposal = engine.bind(model, Job(2 * rows * steps))
-    return proposal.sample(problem, noise(rows, seed), solver, steps, guidance_scale).controls
+    options = ActionDiffusion(sampler=solver, steps=steps, guidance_scale=guidance_scale)
+    sampler = options.settled(model.manifest.samplers)
+    return proposal.sample(problem, noise(rows, seed), sampler).controls
 
 
 def stepped(model: Model, answers: int = 0) -> tuple[Model, Stepped]:
@@ -133,7 +136,9 @@ def together(
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_the_same_noise_gives_the_same_controls(engine: Engine, first: Model, solver: str) -> None:
+def test_the_same_noise_gives_the_same_controls(
+    engine: Engine, first: Model, solver: Solver
+) -> None:
     result = controls(engine, first, solver=solver)
 
     assert result.shape == (6, 64)
@@ -151,7 +156,7 @@ def test_solvers_differ(engine: Engine, first: Model) -> None:
     ("solver", "steps"), [("ddim", 1), ("ddim", 20), ("dpm_solver", 1), ("dpm_solver", 10)]
 )
 def test_controls_stay_within_the_limit(
-    engine: Engine, first: Model, solver: str, steps: int, guidance_scale: float
+    engine: Engine, first: Model, solver: Solver, steps: int, guidance_scale: float
 ) -> None:
     result = controls(
         engine, first, rows=32, steps=steps, guidance_scale=guidance_scale, solver=solver
@@ -177,21 +182,21 @@ def test_start_and_target_both_matter_unless_guidance_is_off(engine: Engine, fir
         )
 
 
-def test_states_are_standardised_and_controls_scaled_by_the_constants_of_the_manifest(
+def test_states_are_standardised_by_the_constants_of_the_manifest(
     tmp_path: Path, publisher: Callable[[Path], Callable[..., Path]], engine: Engine
 ) -> None:
     publish = publisher(tmp_path)
     unit = Conditioning.on_states((0.0, 0.0), (1.0, 1.0))
     scaled = Conditioning.on_states((0.25, -0.5), (2.0, 4.0))
-    publish("unit", condition=unit, control_scale=1.0)
-    publish("scaled", condition=scaled, control_scale=0.5)
+    publish("unit", condition=unit)
+    publish("scaled", condition=scaled)
     models = engine.load(tmp_path, CPU)
     # (x - mean) / std of these is the problem for the other model: powers of two, so exactly.
     far = Problem(np.array([1.25, 1.5]), np.array([-0.75, -0.5]))
     near = Problem(np.array([0.5, 0.5]), np.array([-0.5, 0.0]))
 
     np.testing.assert_array_equal(
-        2 * controls(engine, models.find("scaled"), far),
+        controls(engine, models.find("scaled"), far),
         controls(engine, models.find("unit"), near),
     )
 
@@ -259,7 +264,7 @@ def test_a_request_of_several_samplings_shares_the_network_with_others(
         result = plan_multistep(
             Problem(np.zeros(2), np.zeros(2)),
             targets,
-            Recipe(Learned(ActionDiffusion(steps=steps), proposal), num_candidates),
+            Recipe(Learned(Asked(steps=steps).sampler, proposal), num_candidates),
             np.random.default_rng(index),
             job.stop,
         )
@@ -389,7 +394,7 @@ def test_a_request_that_was_stopped_before_it_began_never_reaches_the_network(
     ("failure", "reason"),
     [
         (RAISES, "fake/1 failed: on demand"),
-        (NOT_A_NUMBER, "fake/1 predicts noise that is not"),
+        (NOT_A_NUMBER, "fake/1 predicts what is not"),
     ],
     ids=["raises", "not finite"],
 )
@@ -519,16 +524,15 @@ def test_a_horizon_that_the_model_was_not_trained_for_is_refused(
     problem = Problem(np.zeros(2), np.zeros(2), horizon=32)
 
     with pytest.raises(ValueError, match="another plant or horizon"):
-        engine.bind(first, Job(0)).sample(problem, noise()[:, :32], "ddim", 5, 2.0)
+        engine.bind(first, Job(0)).sample(problem, noise()[:, :32], PAPER_SAMPLER)
 
 
 @pytest.mark.parametrize(("solver", "available"), [("ddim", 20), ("dpm_solver", 10)])
 def test_more_steps_than_the_model_has_times_are_refused_and_the_engine_lives_on(
-    engine: Engine, first: Model, solver: str, available: int
+    engine: Engine, first: Model, solver: Solver, available: int
 ) -> None:
-    for steps in (0, available + 1):
-        with pytest.raises(InvalidStepCount, match=f"from 1 to {available}"):
-            controls(engine, first, steps=steps, solver=solver)
+    with pytest.raises(InvalidStepCount, match=f"from 1 to {available}"):
+        controls(engine, first, steps=available + 1, solver=solver)
     assert controls(engine, first, steps=20).shape == (6, 64)
 
 
@@ -549,7 +553,7 @@ def test_a_plan_by_the_engine_can_be_had_again(engine: Engine, first: Model) -> 
     def make() -> FloatArray:
         rng = np.random.default_rng(3)
         proposal = engine.bind(first, Job(80))
-        return plan(PROBLEM, Recipe(Learned(ActionDiffusion(steps=5), proposal), 8), rng).controls
+        return plan(PROBLEM, Recipe(Learned(Asked(steps=5).sampler, proposal), 8), rng).controls
 
     np.testing.assert_array_equal(make(), make())
 
@@ -564,7 +568,7 @@ def test_a_request_waits_until_its_first_batch_and_no_longer(
 
     with ThreadPoolExecutor(max_workers=1) as threads:
         proposal = engine.bind(model, Job(asked.rows))
-        running = threads.submit(proposal.sample, asked.problem, asked.noise, "ddim", 3, 2.0)
+        running = threads.submit(proposal.sample, asked.problem, asked.noise, asked.sampler)
         network.wait_until_asked(1)
         now = 7.0
         behind = submit(engine, model, asked)

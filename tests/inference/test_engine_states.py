@@ -11,6 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from app.inference.engine import Engine
 from app.inference.model import Model
 from app.inference.solvers import SOLVERS
+from app.planning.methods.sampler import Solver
 from app.planning.problem import PlanningError
 from app.planning.stop import Stopped
 from tests.inference.fakes import (
@@ -121,7 +122,7 @@ class Requests(RuleBasedStateMachine):
         index: int,
         num_candidates: int,
         steps: int,
-        solver: str,
+        solver: Solver,
         guidance_scale: float,
         failure: float,
         seed: int,

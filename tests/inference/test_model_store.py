@@ -20,15 +20,24 @@ from app.inference.pace import GUESS, SIZES, Pace
 from app.inference.row_threads import RowThreads
 from app.inference.torchscript import read_torchscript, to_torchscript
 from app.inference.verification import ModelRejected, find_versions, verify
-from app.planning.plant.plant_range import PlantRange
+from app.planning.plant.coverage import Coverage
 from app.planning.plant.system import System
 from app.settings import SHIPPED_MODELS
-from training.config import NetworkConfig
+from training.config import UNetConfig
 from training.unet import UNet
 
 THREADS = RowThreads(1)
 STIFF = System(static_friction=0.8)
-WIDE = replace(PlantRange.only(System()), static_friction=(2.0, 2.5), control_limit=(0.9, 3.0))
+STIFFER = System(static_friction=2.0)
+WIDE = Coverage(
+    Coverage.only(System()).ranges
+    | {
+        "static_forward": (2.0, 2.5),
+        "static_backward": (2.0, 2.5),
+        "lowest_control": (-3.0, -0.9),
+        "highest_control": (0.9, 3.0),
+    }
+)
 
 
 class AnswersShort(torch.nn.Module):
@@ -103,8 +112,11 @@ def test_the_shipped_models_are_run_by_the_kernel(caplog: pytest.LogCaptureFixtu
 @pytest.mark.parametrize(
     ("network", "horizon"),
     [
-        (UNet(NetworkConfig(channels=8, time_dimension=8, condition_dimension=8), 4), 64),
-        (UNet(NetworkConfig(channels=16, time_dimension=8, condition_dimension=8), 4), 20),
+        (UNet(UNetConfig(kind="unet", channels=8, time_dimension=8, condition_dimension=8), 4), 64),
+        (
+            UNet(UNetConfig(kind="unet", channels=16, time_dimension=8, condition_dimension=8), 4),
+            20,
+        ),
         (AddsUp(), 64),
     ],
     ids=["channels", "horizon", "layers"],
@@ -317,7 +329,7 @@ def test_a_model_unlike_those_that_serve_gets_a_guess_and_is_not_timed(
 ) -> None:
     publish("serving")
     serving = ModelStore.load(store, CPU, THREADS).models
-    wide = UNet(NetworkConfig(channels=32, time_dimension=8, condition_dimension=8), 4)
+    wide = UNet(UNetConfig(kind="unet", channels=32, time_dimension=8, condition_dimension=8), 4)
     publish("wider", content=to_torchscript(wide))
     publish("longer", horizon=32)
     publish("scripted", horizon=20)
@@ -346,8 +358,8 @@ def several(
     publish("nominal", 1)
     publish("nominal", 2, horizon=32)
     publish("nominal", 10)
-    publish("stiff", 1, plants=PlantRange.only(STIFF))
-    publish("wide", 1, plants=WIDE)
+    publish("stiff", 1, coverage=Coverage.only(STIFF), system=STIFF)
+    publish("wide", 1, coverage=WIDE, system=STIFFER)
     publish("zeta", 1)
     return ModelStore.load(store, CPU, THREADS)
 
@@ -419,7 +431,7 @@ def test_where_no_model_covers_it_those_that_exist_are_named_with_what_they_cove
     message = str(refusal.value)
     assert message.startswith(f"no model was trained for this plant and horizon {horizon}")
     for model in several.models:
-        assert f"{model.label} for plants with {model.manifest.plants}" in message
+        assert f"{model.label} for plants with {model.manifest.coverage}" in message
 
 
 def test_an_empty_store_says_that_there_are_none(store: Path) -> None:

@@ -1,24 +1,15 @@
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from torch import Tensor
 
-from app.inference.solvers import (
-    CLEAN,
-    SOLVERS,
-    Steps,
-    ddim,
-    dpm_solver,
-    even_times,
-    middle_times,
-)
-from app.planning.methods.base import InvalidStepCount
+from app.inference.diffusion_times import CLEAN, diffusion_times
+from app.inference.manifest import Prediction
+from app.inference.solvers import SOLVERS, Steps, ddim, dpm_solver
 
 T = 200
 ALPHAS = [math.cos((t + 2) / 205 * math.pi / 2) ** 2 for t in range(T)]
@@ -27,31 +18,51 @@ MEAN, STD = 0.3, 0.2
 UNBOUNDED = 1e12
 
 Solver: TypeAlias = Callable[..., Steps]
-NoisePredictor: TypeAlias = Callable[[Tensor, int], Tensor]
-"""eps(u_t (K, H), t): the predicted noise (K, H)."""
+Predictor: TypeAlias = Callable[[Tensor, int], Tensor]
+"""Of u_t (K, H) and t; (K, H)."""
+KINDS: tuple[Prediction, ...] = ("noise", "clean", "velocity")
+every_kind = pytest.mark.parametrize("predicts", KINDS)
 every_solver = pytest.mark.parametrize("solve", [ddim, dpm_solver])
 
 
-def run(solve: Solver, predict_noise: NoisePredictor, *args: Any, **options: Any) -> Tensor:
+def run(
+    solve: Solver,
+    predict: Predictor,
+    noise: Tensor,
+    times: Sequence[int],
+    alphas: Sequence[float] = ALPHAS,
+    predicts: Prediction = "noise",
+    **bound: float,
+) -> Tensor:
     """Give a solver all the predictions that it asks for; return its controls."""
-    steps = solve(*args, **options)
+    steps = solve(noise, times, alphas, predicts, **bound)
     asked = next(steps)
     while True:
         try:
-            asked = steps.send(predict_noise(*asked))
+            asked = steps.send(predict(*asked))
         except StopIteration as done:
             controls: Tensor = done.value
             return controls
 
 
-def optimal_denoiser(mean: float, std: float, alphas: Sequence[float] = ALPHAS) -> NoisePredictor:
-    """The best noise prediction where all data are independently N(mean, std^2)."""
+def even_times(num_timesteps: int, steps: int) -> list[int]:
+    return diffusion_times(num_timesteps, steps, 1.0, 0.0)
 
-    def predict_noise(u: Tensor, t: int) -> Tensor:
-        alpha = alphas[t]
-        return math.sqrt(1 - alpha) * (u - math.sqrt(alpha) * mean) / (alpha * std**2 + 1 - alpha)
 
-    return predict_noise
+def optimal_denoiser(
+    mean: float, std: float, alphas: Sequence[float] = ALPHAS, predicts: Prediction = "noise"
+) -> Predictor:
+    """The best prediction where all data are independently N(mean, std^2)."""
+
+    def predict(u: Tensor, t: int) -> Tensor:
+        signal, level = math.sqrt(alphas[t]), math.sqrt(1 - alphas[t])
+        surprise = (u - signal * mean) / (signal**2 * std**2 + level**2)
+        noise, clean = level * surprise, mean + signal * std**2 * surprise
+        return {"noise": noise, "clean": clean, "velocity": signal * noise - level * clean}[
+            predicts
+        ]
+
+    return predict
 
 
 def spread(times: list[int], std: float) -> float:
@@ -68,16 +79,20 @@ def spread(times: list[int], std: float) -> float:
     return factor
 
 
-def sample(noise: Tensor, steps: int, bound: float = UNBOUNDED) -> Tensor:
-    return run(ddim, optimal_denoiser(MEAN, STD), noise, even_times(T, steps), ALPHAS, bound)
+def sample(
+    noise: Tensor, steps: int, predicts: Prediction = "noise", solve: Solver = ddim
+) -> Tensor:
+    predict, times = optimal_denoiser(MEAN, STD, ALPHAS, predicts), even_times(T, steps)
+    return run(solve, predict, noise, times, predicts=predicts, bound=UNBOUNDED)
 
 
+@every_kind
 @pytest.mark.parametrize("steps", range(1, T + 1))
-def test_ddim_on_gaussian_data_follows_the_closed_form(steps: int) -> None:
+def test_ddim_on_gaussian_data_follows_the_closed_form(steps: int, predicts: Prediction) -> None:
     offsets = torch.linspace(-3, 3, 16, dtype=torch.float64).reshape(2, 8)
     noise = math.sqrt(ALPHAS[-1]) * MEAN + offsets
 
-    controls = sample(noise, steps)
+    controls = sample(noise, steps, predicts)
 
     assert controls.shape == noise.shape
     expected = MEAN + spread(even_times(T, steps), STD) * offsets
@@ -106,7 +121,6 @@ def test_controls_stay_finite_and_within_the_bound(solve: Solver, steps: int) ->
         lambda u, t: torch.sin(7 * u + t),
         noise,
         even_times(T, steps),
-        ALPHAS,
         bound=0.5,
     )
 
@@ -119,7 +133,7 @@ def test_controls_stay_finite_and_within_the_bound(solve: Solver, steps: int) ->
 def test_controls_keep_within_one_unless_told_otherwise(solve: Solver) -> None:
     noise = torch.linspace(-3, 3, 8).reshape(1, 8)
 
-    controls = run(solve, lambda u, _: -u, noise, even_times(T, 5), ALPHAS)
+    controls = run(solve, lambda u, _: -u, noise, even_times(T, 5))
 
     assert controls.abs().max() == 1.0
 
@@ -132,8 +146,50 @@ def test_the_last_step_ends_at_the_clean_sequence_without_noise(solve: Solver) -
     noise = math.sqrt(ALPHAS[-1]) * clean + math.sqrt(1 - ALPHAS[-1]) * epsilon
 
     for steps in (1, 2, 7, 200):
-        controls = run(solve, lambda _u, _t: epsilon, noise, even_times(T, steps), ALPHAS)
+        controls = run(solve, lambda _u, _t: epsilon, noise, even_times(T, steps))
         torch.testing.assert_close(controls, clean, rtol=0, atol=1e-9)
+
+
+@every_solver
+@pytest.mark.parametrize("steps", [1, 3, 50, T])
+def test_whatever_is_predicted_the_controls_are_the_same(solve: Solver, steps: int) -> None:
+    noise = torch.randn(4, 8, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+
+    by_noise, *others = (sample(noise, steps, predicts, solve) for predicts in KINDS)
+
+    assert float(by_noise.std()) > 1e-3
+    for controls in others:
+        torch.testing.assert_close(controls, by_noise, rtol=1e-9, atol=1e-9)
+
+
+@every_solver
+@pytest.mark.parametrize("predicts", ["clean", "velocity"])
+def test_times_may_begin_where_no_signal_is_left(solve: Solver, predicts: Prediction) -> None:
+    """A wrong prediction there is not amplified, as an error in the noise would be."""
+    alphas = [0.99, 0.5, 1e-9]
+    noise = torch.randn(4, 8, generator=torch.Generator().manual_seed(4))
+
+    def controls(error: float) -> Tensor:
+        exact = optimal_denoiser(MEAN, STD, alphas, predicts)
+        wrong: Predictor = lambda u, t: exact(u, t) + error * (t == 2)  # noqa: E731
+        return run(solve, wrong, noise, [2, 1, 0, CLEAN], alphas, predicts, bound=UNBOUNDED)
+
+    assert torch.all(torch.isfinite(controls(0.0)))
+    assert float((controls(0.01) - controls(0.0)).abs().max()) < 0.02
+
+
+@every_solver
+@every_kind
+def test_what_is_predicted_is_left_alone(solve: Solver, predicts: Prediction) -> None:
+    given: list[Tensor] = []
+
+    def predict(u: Tensor, _: int) -> Tensor:
+        given.append(2 * torch.ones_like(u))
+        return given[-1]
+
+    run(solve, predict, torch.ones(2, 4), even_times(T, 3), predicts=predicts)
+
+    assert all(bool((prediction == 2).all()) for prediction in given)
 
 
 def test_the_noise_is_derived_anew_from_the_clamped_sequence() -> None:
@@ -146,7 +202,7 @@ def test_the_noise_is_derived_anew_from_the_clamped_sequence() -> None:
         seen.append(u)
         return torch.tensor([[-2.0, 0.1]], dtype=torch.float64)
 
-    run(ddim, predict_noise, u, times, ALPHAS, bound)
+    run(ddim, predict_noise, u, times, bound=bound)
 
     alpha, next_alpha = ALPHAS[150], ALPHAS[60]
     clamped = 0.5
@@ -170,7 +226,7 @@ def test_each_time_is_predicted_at_once_and_the_noise_left_alone(solve: Solver) 
         asked.append(t)
         return u
 
-    run(solve, predict_noise, noise, times, ALPHAS)
+    run(solve, predict_noise, noise, times)
 
     assert asked == times[:-1]
     assert torch.all(noise == 1)
@@ -195,7 +251,7 @@ def miss(solve: Solver, steps: int) -> float:
         noise,
         [*range(steps, -1, -1), CLEAN],
         alphas,
-        UNBOUNDED,
+        bound=UNBOUNDED,
     )
     assert float(low) == pytest.approx(MEAN, abs=1e-12)
     first, last = (alphas[i] * STD**2 + 1 - alphas[i] for i in (-1, 0))
@@ -216,8 +272,7 @@ def test_dpm_solver_is_linear_in_the_offsets_and_recovers_the_spread_of_the_data
     noise = math.sqrt(ALPHAS[-1]) * MEAN + offsets
 
     def factor(steps: int) -> float:
-        predict_noise = optimal_denoiser(MEAN, STD)
-        controls = run(dpm_solver, predict_noise, noise, even_times(T, steps), ALPHAS, UNBOUNDED)
+        controls = sample(noise, steps, solve=dpm_solver)
         factor = float((controls[0, 0] - MEAN) / offsets[0, 0])
         torch.testing.assert_close(controls, MEAN + factor * offsets, rtol=1e-9, atol=1e-9)
         return factor
@@ -236,8 +291,7 @@ def test_up_to_two_steps_dpm_solver_is_ddim(times: list[int], same: bool) -> Non
     noise = torch.randn(4, 16, generator=torch.Generator().manual_seed(2))
 
     first, second = (
-        run(solve, lambda u, t: torch.sin(u + t), noise, times, ALPHAS)
-        for solve in (ddim, dpm_solver)
+        run(solve, lambda u, t: torch.sin(u + t), noise, times) for solve in (ddim, dpm_solver)
     )
 
     assert torch.equal(first, second) == same
@@ -267,63 +321,5 @@ def test_dpm_solver_steps_to_a_clean_sequence_extrapolated_in_the_log_ratio() ->
     assert float(result) == pytest.approx(cleans[40], rel=1e-12)
 
 
-def test_solvers_are_offered_under_their_names_with_their_times() -> None:
-    assert {name: tuple(solver) for name, solver in SOLVERS.items()} == {
-        "ddim": (even_times, ddim),
-        "dpm_solver": (middle_times, dpm_solver),
-    }
-
-
-@pytest.mark.parametrize("num_timesteps", [1, 2, 50, 200])
-def test_times_fall_strictly_from_the_noisiest_to_clean_for_every_step_count(
-    num_timesteps: int,
-) -> None:
-    for steps in range(1, num_timesteps + 1):
-        times = even_times(num_timesteps, steps)
-
-        assert len(times) == steps + 1
-        assert times[0] == num_timesteps - 1
-        assert times[-1] == CLEAN
-        assert all(t > next_t for t, next_t in pairwise(times))
-
-
-@given(st.integers(2, 2000).flatmap(lambda n: st.tuples(st.just(n), st.integers(2, n))))
-def test_times_are_evenly_spaced_down_to_the_first(counts: tuple[int, int]) -> None:
-    num_timesteps, steps = counts
-    times = even_times(num_timesteps, steps)[:-1]
-
-    assert times[-1] == 0
-    gaps = [t - next_t for t, next_t in pairwise(times)]
-    assert min(gaps) >= 1
-    assert all(abs(gap - (num_timesteps - 1) / (steps - 1)) <= 1 for gap in gaps)
-
-
-@pytest.mark.parametrize("steps", [0, -1, T + 1])
-def test_a_step_count_that_the_model_does_not_have_is_refused(steps: int) -> None:
-    with pytest.raises(InvalidStepCount, match="from 1 to 200"):
-        even_times(T, steps)
-
-
-def test_middle_times_are_evenly_spaced_from_seven_to_two_and_a_half_tenths() -> None:
-    assert middle_times(200, 1) == [140, CLEAN]
-    assert middle_times(200, 2) == [140, 50, CLEAN]
-    assert middle_times(200, 4) == [140, 110, 80, 50, CLEAN]
-    assert middle_times(1000, 3) == [700, 475, 250, CLEAN]
-
-
-@pytest.mark.parametrize(
-    ("num_timesteps", "available"), [(1, 1), (2, 2), (3, 2), (4, 3), (20, 10), (50, 24), (200, 91)]
-)
-def test_middle_times_fall_strictly_for_every_step_count_and_others_are_refused(
-    num_timesteps: int, available: int
-) -> None:
-    for steps in range(1, available + 1):
-        times = middle_times(num_timesteps, steps)
-
-        assert len(times) == steps + 1
-        assert times[-1] == CLEAN
-        assert num_timesteps > times[0] >= times[-2] >= 0
-        assert all(t > next_t for t, next_t in pairwise(times))
-    for steps in (-1, 0, available + 1):
-        with pytest.raises(InvalidStepCount, match=f"from 1 to {available}, "):
-            middle_times(num_timesteps, steps)
+def test_solvers_are_offered_under_their_names() -> None:
+    assert {"ddim": ddim, "dpm_solver": dpm_solver} == SOLVERS

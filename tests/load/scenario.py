@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS
 from app.planning.problem import DEFAULT_HORIZON
 from app.wire.requests import PlanRequest
 
@@ -65,7 +66,8 @@ def question(seed: int, index: int) -> Question:
 def _size(request: PlanRequest) -> tuple[int, float]:
     """Return the rows that a plan sends through the network, and about how long it takes (s)."""
     k = request.num_candidates
-    cost = request.recipe().cost()
+    # All models that the load test serves are of the paper's kind.
+    cost = request.recipe().settled(PAPER_MODEL_SAMPLERS).cost()
     rows = k * cost.network_evaluations
     steps = cost.rollouts * (request.horizon or DEFAULT_HORIZON)
     return rows, SECONDS_PER_PLAN + SECONDS_PER_ROW * rows + SECONDS_PER_STEP * steps

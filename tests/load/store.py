@@ -10,7 +10,7 @@ from torch import Tensor
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Manifest
 from app.inference.torchscript import to_torchscript
 from app.settings import SHIPPED_MODELS
-from training.config import NetworkConfig
+from training.config import UNetConfig
 from training.unet import UNet
 
 SHIPPED = "dry-friction-fs0.7"
@@ -94,5 +94,5 @@ def weights_of(version: int) -> int:
 def _network(seed: int) -> bytes:
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        config = NetworkConfig(channels=16, time_dimension=8, condition_dimension=8)
+        config = UNetConfig(kind="unet", channels=16, time_dimension=8, condition_dimension=8)
         return to_torchscript(UNet(config, condition_size=4))

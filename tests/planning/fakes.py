@@ -13,6 +13,7 @@ from app.planning.arrays import FloatArray
 from app.planning.methods import METHODS, ActionDiffusion, AnyMethod, Learned
 from app.planning.methods.base import Method
 from app.planning.methods.optimiser import Optimiser
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop, Stopped
 
@@ -20,13 +21,11 @@ from app.planning.stop import NEVER, Stop, Stopped
 class NoiseAsControls:
     """A learned proposal that needs no network: the noise is the plan, often beyond the limit."""
 
-    def sample(
-        self, problem: Problem, noise: FloatArray, solver: str, steps: int, guidance_scale: float
-    ) -> Candidates:
+    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
         return Candidates(noise, queue_ms=2.5)
 
 
-LEARNED = Learned(ActionDiffusion(), NoiseAsControls())
+LEARNED = Learned(ActionDiffusion().settled(PAPER_MODEL_SAMPLERS), NoiseAsControls())
 
 
 def quick(kind: type[AnyMethod]) -> Method:

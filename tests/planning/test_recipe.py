@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from app.planning.methods import CEM, ActionDiffusion, DatasetPrior, Uniform, WarmStarted
-from app.planning.methods.base import Method
+from app.planning.methods import CEM, ActionDiffusion, DatasetPrior, Learned, Uniform, WarmStarted
+from app.planning.methods.base import Method, Named
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS
 from app.planning.objectives import CONTROL_ENERGY, OBJECTIVES, Objective
 from app.planning.planner import plan
 from app.planning.problem import Cost, Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
-from tests.planning.fakes import Fixed, every_method
+from tests.planning.fakes import Fixed, NoiseAsControls, every_method
 
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
 
@@ -21,11 +22,28 @@ def test_a_plan_takes_a_rollout_of_each_candidate_on_top_of_the_proposal() -> No
     assert Recipe(CEM(iterations=5), 16).cost() == Cost(0, 96)
 
 
-def test_the_cost_of_a_learned_method_is_known_without_its_model() -> None:
+def test_the_cost_of_a_learned_method_is_known_once_its_model_has_settled_it() -> None:
     learned = ActionDiffusion(steps=50)
+    warm_started = WarmStarted(CEM(iterations=5), learned)
 
-    assert Recipe(learned, 16).cost() == Cost(100, 16, 2)
-    assert Recipe(WarmStarted(CEM(iterations=5), learned), 16).cost() == Cost(100, 96, 2)
+    def cost(asked: Named) -> Cost:
+        return Recipe(asked, 16).settled(PAPER_MODEL_SAMPLERS).cost()
+
+    assert cost(learned) == Cost(100, 16, 2)
+    assert cost(warm_started) == Cost(100, 96, 2)
+
+
+def test_settling_a_method_and_giving_it_a_model_leave_the_rest_of_the_recipe_alone() -> None:
+    refinement = Refinement(repair=False)
+    asked = Recipe(ActionDiffusion(), 3, refinement, CONTROL_ENERGY, reachability=True)
+
+    able = asked.settled(PAPER_MODEL_SAMPLERS).able(NoiseAsControls())
+
+    assert isinstance(able.method, Learned)
+    assert able.num_candidates == 3
+    assert able.refinement is refinement
+    assert able.objective is CONTROL_ENERGY
+    assert able.reachability
 
 
 @every_method

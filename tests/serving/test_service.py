@@ -1,18 +1,18 @@
 """Which plant and model a request means."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from app.inference.engine import Engine
-from app.inference.model import Model
 from app.inference.model_store import ModelStore, UnfitModel
+from app.planning.methods import WarmStarted
+from app.planning.methods.sampler import Sampler, Samplers, SamplerSettings
 from app.planning.objectives import OBJECTIVES
+from app.planning.plant.coverage import Coverage
 from app.planning.plant.machines import MACHINES
-from app.planning.plant.plant_range import PlantRange
 from app.planning.plant.system import System
 from app.planning.problem import state_after
 from app.serving.admission import MARGIN, MARGIN_SECONDS
@@ -24,18 +24,25 @@ from app.settings import Settings
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 from tests.inference.fakes import HORIZON, FakeNetwork, fake_model
 
-STIFF = replace(PlantRange.only(System()), static_friction=(1.0, 2.0), control_limit=(0.5, 3.0))
-
-
-def with_plants(name: str, plants: PlantRange) -> Model:
-    model = fake_model(FakeNetwork(), name)
-    return replace(model, manifest=model.manifest.model_copy(update={"plants": plants}))
+NOMINAL = Coverage.only(System())
+STIFF = Coverage(NOMINAL.ranges | {"static_forward": (1.0, 2.0), "static_backward": (1.0, 2.0)})
+STIFF_SAMPLERS = Samplers(
+    dpm_solver=SamplerSettings(2, 1.0, first_time=1.0, last_time=0.5),
+    ddim=SamplerSettings(4, 3.0, first_time=1.0, last_time=0.0),
+)
 
 
 @pytest.fixture
 def service() -> Iterator[PlanningService]:
     engine = Engine(num_threads=1)
-    models = [with_plants("nominal", PlantRange.only(System())), with_plants("stiff", STIFF)]
+    stiff = fake_model(
+        FakeNetwork(),
+        "stiff",
+        coverage=STIFF,
+        system=System(static_friction=1.5),
+        samplers=STIFF_SAMPLERS,
+    )
+    models = [fake_model(FakeNetwork(), "nominal"), stiff]
     yield PlanningService(Settings(), ModelStore(models), engine, Rates())
     engine.close()
 
@@ -45,12 +52,12 @@ def request(**fields: object) -> PlanRequest:
     return PlanRequest.model_validate(body | fields)
 
 
-def test_a_request_that_names_a_model_alone_is_for_the_plant_of_its_range_nearest_the_default(
+def test_a_request_that_names_a_model_alone_is_for_the_model_s_own_plant(
     service: PlanningService,
 ) -> None:
     task = service.resolve(request(model="stiff"))
 
-    assert task.system == System(static_friction=1.0)
+    assert task.system == System(static_friction=1.5)
     assert task.horizon == HORIZON
     assert service.resolve(request(model="nominal")).system == System()
 
@@ -86,7 +93,7 @@ def test_a_plant_that_no_model_covers_is_refused_with_all_that_is_covered(
 
     assert str(refusal.value) == (
         f"no model was trained for this plant and horizon {HORIZON} (other methods need none); "
-        f"there are: nominal/1 for plants with {PlantRange.only(System())}, and horizon {HORIZON}; "
+        f"there are: nominal/1 for plants with {NOMINAL}, and horizon {HORIZON}; "
         f"stiff/1 for plants with {STIFF}, and horizon {HORIZON}"
     )
 
@@ -157,3 +164,54 @@ def test_plans_refined_for_another_objective_are_of_another_kind(service: Planni
 
     assert kind() == kind(objective="control_energy") == "dataset_prior"
     assert kind(refine=True) != kind(refine=True, objective="control_energy")
+
+
+@pytest.mark.parametrize(
+    ("fields", "settings", "rows"),
+    [
+        ({}, (2, 1.0, 1.0, 0.5), 2),
+        ({"sampler": "ddim"}, (4, 3.0, 1.0, 0.0), 8),
+        ({"steps": 3}, (3, 1.0, 1.0, 0.5), 3),
+        ({"guidance_scale": 2.0}, (2, 2.0, 1.0, 0.5), 4),
+        ({"sampler": "paper"}, (50, 2.0, 1.0, 0.0), 100),
+    ],
+)
+@pytest.mark.parametrize("is_initial", [False, True])
+def test_what_a_request_leaves_open_is_settled_by_the_model_that_it_is_for(
+    service: PlanningService,
+    fields: dict[str, Any],
+    settings: tuple[int, float, float, float],
+    rows: int,
+    is_initial: bool,
+) -> None:
+    method = {"name": "action_diffusion", **fields}
+    asked = {"method": "cem", "initial": {"method": method}} if is_initial else {"method": method}
+    resolved = service.resolve(request(model="stiff", num_candidates=4, **asked))
+
+    settled = resolved.recipe.method
+    sampler = settled.initial if isinstance(settled, WarmStarted) else settled
+    assert isinstance(sampler, Sampler)
+    assert sampler.settings == SamplerSettings(*settings)
+    assert resolved.work.rows_left == 4 * rows
+
+
+def test_the_answer_says_the_cost_of_the_model_s_own_sampler(service: PlanningService) -> None:
+    network_evaluations = {
+        name: service.plan(service.resolve(request(model=name))).cost.network_evaluations
+        for name in ("nominal", "stiff")
+    }
+    assert network_evaluations == {"nominal": 6, "stiff": 2}
+
+
+def test_the_limit_on_rows_is_that_of_the_model_s_own_sampler(service: PlanningService) -> None:
+    settings = Settings(max_network_rows=40)
+    small = PlanningService(settings, service.models, None, Rates())
+
+    assert small.resolve(request(model="stiff", num_candidates=20)).work.rows_left == 40
+    with pytest.raises(InvalidField, match="48 rows through the network"):
+        small.resolve(request(model="nominal", num_candidates=8))
+
+
+def test_what_is_too_large_for_any_model_is_refused_for_its_size(service: PlanningService) -> None:
+    with pytest.raises(InvalidField, match="time steps"):
+        service.resolve(request(horizon=100_000))

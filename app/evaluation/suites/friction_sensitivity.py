@@ -43,6 +43,8 @@ class FrictionSensitivity(Suite):
             system = replace(NOMINAL, static_friction=friction)
             # Unsaid where it is nominal: these are questions of multistep-random.
             asked = entrant if system == NOMINAL else entrant.asking(system=system)
+            if entrant == entrants.PAPER_DIFFUSION:
+                asked = asked.asking(model=f"dry-friction-fs{friction}")
             yield from self.ask(asked, k, static_friction=friction)
 
     def report(self, data: pd.DataFrame) -> Parts:
@@ -51,10 +53,10 @@ class FrictionSensitivity(Suite):
         yield (
             f"The random multi-step references again, with K = {size.budgets[0]}, for static "
             f"frictions f_s of {', '.join(map(str, FRICTIONS))} m/s²; the other parameters of the "
-            "plant stay, and Action Diffusion has a model of its own, trained from scratch, for "
-            f"each f_s. {size.tasks} sequences, {size.runs} runs of each, and the same sequences "
-            "and seeds for every f_s. The floor is what no plan can go below, from where each "
-            "segment of the method's own plan starts."
+            f"plant stay, and {entrants.PAPER_DIFFUSION.label} has a model of its own, trained "
+            f"from scratch, for each f_s. {size.tasks} sequences, {size.runs} runs of each, and "
+            "the same sequences and seeds for every f_s. The floor is what no plan can go below, "
+            "from where each segment of the method's own plan starts."
         )
         yield grid.of_cases(
             "Mean end error: mean ± standard deviation (m), the paper's and the floor beside; "

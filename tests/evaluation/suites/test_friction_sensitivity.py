@@ -67,6 +67,18 @@ def test_static_friction_alone_differs_and_goes_unsaid_where_it_is_nominal() -> 
     }
 
 
+def test_the_paper_s_method_has_a_model_of_its_own_for_each_friction_and_nobody_else_says_one() -> (
+    None
+):
+    models = {
+        (question.labels["entrant"], question.labels["static_friction"]): question.request.model
+        for question in SUITE.questions()
+    }
+    for (entrant, friction), model in models.items():
+        is_paper_s = entrant == PAPER_DIFFUSION.label
+        assert model == (f"dry-friction-fs{friction}" if is_paper_s else None)
+
+
 @pytest.mark.parametrize("quick", [False, True])
 def test_questions_on_the_nominal_plant_are_those_of_the_random_multistep_suite(
     quick: bool,

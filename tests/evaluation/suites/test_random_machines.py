@@ -1,17 +1,29 @@
 """Random machines: the same tasks for everybody on each, and those out of reach left out."""
 
+from collections import defaultdict
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from matplotlib.container import ErrorbarContainer
 
 from app.evaluation.answer_log import Answer
-from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS, ICEM, MPPI, REFINED_PRIOR
+from app.evaluation.entrants import (
+    CEM,
+    DATASET_PRIOR,
+    DIFFUSION,
+    ENTRANTS,
+    ICEM,
+    MPPI,
+    PAPER_DIFFUSION,
+    REFINED_PRIOR,
+)
 from app.evaluation.question import Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.random_machines import ARRIVAL, LEARNED, RandomMachines
 from app.evaluation.tasks import machine_tasks, scale_of
 from app.planning.plant.machines import MACHINES, Machine
-from tests.evaluation.synthetic import assert_asked_alike, plan_answer, section_of, split
+from tests.evaluation.synthetic import assert_asked_alike, plan_answer, split
 
 SUITE = RandomMachines(seed=3, quick=True)
 TASKS = 8
@@ -26,10 +38,12 @@ def section(
     unreachable: dict[str, int] | None = None,
     compute_ms: float = 1.0,
     mppi_on_servo: float = 1.0,
+    covered: Sequence[str] = ("paper",),
 ) -> Section:
     """Errors are shares of the reach, 0.25 or `ERRORS`, and refined none but on `missed`.
 
-    The first task is out of reach; of the machines in `unreachable` the first so many are.
+    Models cover the machines in `covered`. The first task is out of reach; of the machines in
+    `unreachable` the first so many are.
     """
 
     def answer(question: Question) -> Answer:
@@ -45,7 +59,11 @@ def section(
         content = {"terminal_error": floor + gap, "reachability": reachability}
         return Answer({**given.content, **content}, given.latency_ms)
 
-    return section_of(SUITE, answer)
+    return SUITE.section(
+        (question, answer(question))
+        for question in SUITE.questions()
+        if not question.if_covered or question.labels["machine"] in covered
+    )
 
 
 def cells(table: Table, first: str) -> dict[str, str]:
@@ -60,7 +78,7 @@ def by_part(section: Section) -> dict[str, Table]:
 @pytest.mark.parametrize("machine", MACHINES.values(), ids=list(MACHINES))
 def test_everybody_on_a_machine_gets_its_tasks_and_the_same_seeds(machine: Machine) -> None:
     tasks = machine_tasks(machine.system)(TASKS, SUITE.seed)
-    number = len(ENTRANTS) - (0 if machine.name == "paper" else len(LEARNED))
+    number = len(ENTRANTS) - (0 if machine.name == "paper" else 1)
     assert_asked_alike(SUITE, tasks, number, machine=machine.name)
     assert not any(question.trajectories for question in SUITE.questions())
 
@@ -68,19 +86,23 @@ def test_everybody_on_a_machine_gets_its_tasks_and_the_same_seeds(machine: Machi
 def test_two_hundred_tasks_at_both_k_and_the_quick_evaluation_asks_some_of_them() -> None:
     whole = {question.key: question for question in RandomMachines(seed=3).questions()}
     quick = {question.key for question in SUITE.questions()}
-    assert len(whole) == 200 * 2 * (6 * len(ENTRANTS) - 5 * len(LEARNED))
+    assert len(whole) == 200 * 2 * (6 * len(ENTRANTS) - 5)
     assert {question.request.num_candidates for question in whole.values()} == {16, 128}
     assert quick < whole.keys()
     assert quick.isdisjoint(question.key for question in RandomMachines(4, quick=True).questions())
 
 
-def test_a_learned_method_is_asked_for_the_plant_of_its_model_alone() -> None:
-    learned = {
-        str(question.labels["machine"])
-        for question in SUITE.questions()
-        if question.request.method.name == "action_diffusion"
-    }
-    assert learned == {"paper"}
+def test_the_paper_s_model_is_asked_for_its_plant_alone_and_others_for_what_they_cover() -> None:
+    asked: dict[str, set[tuple[str, bool]]] = defaultdict(set)
+    for question in SUITE.questions():
+        asked[str(question.labels["entrant"])].add(
+            (str(question.labels["machine"]), question.if_covered)
+        )
+    assert asked.pop(PAPER_DIFFUSION.label) == {("paper", False)}
+    for entrant in LEARNED:
+        assert asked.pop(entrant.label) == {(machine, True) for machine in MACHINES}
+    for machines in asked.values():
+        assert machines == {(machine, False) for machine in MACHINES}
 
 
 @pytest.mark.parametrize(
@@ -103,10 +125,23 @@ def test_the_main_table_has_who_arrives_by_machine_and_nothing_where_a_method_ha
     refined = cells(table, REFINED_PRIOR.label)
     assert (refined["paper"], refined["emps"], refined["servo"]) == ("100.0 %", "0.0 %", "100.0 %")
     assert set(cells(table, CEM.label).values()) == {CEM.label, "16", "0.0 %"}
-    for entrant in LEARNED:
+    for entrant in (PAPER_DIFFUSION, *LEARNED):
         paper, *others = (cells(table, entrant.label)[machine] for machine in MACHINES)
         assert paper.endswith("%")
         assert not any(others)
+
+
+def test_a_model_of_every_machine_takes_part_on_every_machine() -> None:
+    found = section(covered=list(MACHINES))
+    table = by_part(found)[""]
+    assert (
+        f"{DIFFUSION.label} takes part where a model covers the machine (paper, emps,"
+        in (found.all(str)[0])
+    )
+    for entrant in LEARNED:
+        assert all(cells(table, entrant.label)[machine].endswith("%") for machine in MACHINES)
+    assert len(by_part(found)["servo"].rows) == len(ENTRANTS) - 1
+    assert "(on none)" in section(covered=()).all(str)[0]
 
 
 def test_tasks_out_of_reach_are_counted_and_left_out() -> None:
@@ -130,7 +165,7 @@ def test_tasks_out_of_reach_are_counted_and_left_out() -> None:
 def test_a_machine_s_table_has_errors_over_its_reach_and_paired_differences_to_cem() -> None:
     table = by_part(section())["rack-and-pinion"]
     assert "`rack_and_pinion`, a servo press rig" in table.caption
-    assert len(table.rows) == len(ENTRANTS) - len(LEARNED)
+    assert len(table.rows) == len(ENTRANTS) - 1 - len(LEARNED)
     assert cells(table, DATASET_PRIOR.label) == {
         "Method": DATASET_PRIOR.label,
         "K": "16",
@@ -185,5 +220,5 @@ def test_the_picture_has_a_point_for_each_method_on_each_machine_that_it_plans_f
     np.testing.assert_allclose(drawn[CEM.label], [0.5] * 6)
     # What is lower stands at a millionth.
     np.testing.assert_allclose(drawn[REFINED_PRIOR.label], [1e-6] * 6)
-    for entrant in LEARNED:
+    for entrant in (PAPER_DIFFUSION, *LEARNED):
         assert np.isnan(drawn[entrant.label]).tolist() == [False] + [True] * 5

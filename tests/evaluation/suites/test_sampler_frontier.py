@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.evaluation.answer_log import Answer
-from app.evaluation.entrants import PAPER_DIFFUSION
+from app.evaluation.entrants import PAPER_DIFFUSION, PAPER_MODEL
 from app.evaluation.question import Question
 from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites import sampler_frontier
@@ -16,6 +16,7 @@ from app.evaluation.suites.sampler_frontier import (
     entrant_of,
 )
 from app.planning.methods import ActionDiffusion
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler
 from tests.evaluation.synthetic import section_of, sequence_answer
 
 SUITE = SamplerFrontier(seed=3, quick=True)
@@ -24,8 +25,12 @@ MARGIN = 0.125
 SMALL = 2.0**-10
 
 
+def settled(setting: ActionDiffusion) -> Sampler:
+    return setting.settled(PAPER_MODEL_SAMPLERS)
+
+
 def evaluations(setting: ActionDiffusion) -> int:
-    return setting.cost(1).network_evaluations
+    return settled(setting).cost(1).network_evaluations
 
 
 def section(*more: float) -> Section:
@@ -41,13 +46,16 @@ def section(*more: float) -> Section:
 
 def test_the_setting_of_the_paper_comes_first_and_each_other_once() -> None:
     assert SETTINGS[0] == PAPER
-    assert len({setting.settings for setting in SETTINGS}) == len(SETTINGS)
+    assert len({settled(setting) for setting in SETTINGS}) == len(SETTINGS)
     assert len({entrant_of(setting) for setting in SETTINGS}) == len(SETTINGS)
 
 
 def test_what_a_service_does_by_default_is_among_the_settings_and_named() -> None:
-    assert ActionDiffusion().settings in [setting.settings for setting in SETTINGS]
-    assert "default is DPM-Solver++ with 3 steps, s = 2" in section(0, 0, 0).all(str)[0]
+    assert settled(ActionDiffusion()) in [settled(setting) for setting in SETTINGS]
+    assert (
+        "default with this model is DPM-Solver++ with 3 steps, s = 2"
+        in section(0, 0, 0).all(str)[0]
+    )
 
 
 def test_requests_have_the_settings_that_their_labels_say() -> None:
@@ -56,8 +64,10 @@ def test_requests_have_the_settings_that_their_labels_say() -> None:
         method = question.request.method
         assert isinstance(method, ActionDiffusion)
         methods.append(method)
-        _, steps, scale = method.settings
-        assert (question.labels["steps"], question.labels["guidance_scale"]) == (steps, scale)
+        settings = settled(method).settings
+        assert question.labels["steps"] == settings.steps
+        assert question.labels["guidance_scale"] == settings.guidance_scale
+        assert question.request.model == PAPER_MODEL
     assert methods == [
         setting for _ in SUITE.size.budgets for setting in SETTINGS for _ in range(3)
     ]

@@ -11,7 +11,7 @@ from app.inference.device import CPU
 from app.inference.networks.base import Checkpoint
 from app.inference.row_threads import RowThreads
 from app.inference.torchscript import read_torchscript, to_torchscript
-from training.config import NetworkConfig
+from training.config import UNetConfig
 from training.unet import UNet
 
 TIMES = 20
@@ -29,7 +29,9 @@ def random_unet() -> RandomUNet:
     @torch.no_grad()
     def random_unet(channels: int = 16) -> UNet:
         torch.manual_seed(channels)
-        config = NetworkConfig(channels=channels, time_dimension=12, condition_dimension=20)
+        config = UNetConfig(
+            kind="unet", channels=channels, time_dimension=12, condition_dimension=20
+        )
         unet = UNet(config, CONDITION_SIZE)
         for parameter in unet.parameters():
             parameter.add_(0.1 * torch.randn_like(parameter))

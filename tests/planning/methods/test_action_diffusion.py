@@ -8,70 +8,82 @@ import pytest
 
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler, Samplers, SamplerSettings
 from app.planning.problem import Candidates, Cost, Problem
 
 PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]), horizon=48)
+OTHER_SAMPLERS = Samplers(
+    dpm_solver=SamplerSettings(2, 1.0, first_time=1.0, last_time=0.125),
+    ddim=SamplerSettings(4, 3.0, first_time=0.75, last_time=0.25),
+)
+"""Of a model that is not the paper's."""
 
 
 @dataclass
 class Recorder:
-    calls: list[dict[str, Any]] = field(default_factory=list)
+    calls: list[tuple[Problem, FloatArray, Sampler]] = field(default_factory=list)
 
-    def sample(
-        self, problem: Problem, noise: FloatArray, solver: str, steps: int, guidance_scale: float
-    ) -> Candidates:
-        self.calls.append(
-            {
-                "problem": problem,
-                "noise": noise,
-                "solver": solver,
-                "steps": steps,
-                "guidance_scale": guidance_scale,
-            }
-        )
+    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
+        self.calls.append((problem, noise, sampler))
         return Candidates(0.1 * noise, queue_ms=1.0)
 
 
-def test_the_options_and_standard_normal_noise_reach_the_model() -> None:
+def test_the_sampler_and_standard_normal_noise_reach_the_model() -> None:
     model = Recorder()
-    method = Learned(ActionDiffusion(steps=12, guidance_scale=3.5), model)
+    sampler = ActionDiffusion(steps=12, guidance_scale=3.5).settled(PAPER_MODEL_SAMPLERS)
 
-    proposal = method.propose(PROBLEM, 400, np.random.default_rng(0))
+    proposal = Learned(sampler, model).propose(PROBLEM, 400, np.random.default_rng(0))
 
-    (call,) = model.calls
-    assert call["problem"] is PROBLEM
-    assert (call["solver"], call["steps"], call["guidance_scale"]) == ("dpm_solver", 12, 3.5)
-    assert call["noise"].shape == (400, 48)
-    assert call["noise"].mean() == pytest.approx(0.0, abs=0.02)
-    assert call["noise"].std() == pytest.approx(1.0, abs=0.02)
-    np.testing.assert_array_equal(proposal.controls, 0.1 * call["noise"])
+    ((problem, noise, asked),) = model.calls
+    assert problem is PROBLEM
+    assert asked is sampler
+    assert noise.shape == (400, 48)
+    assert noise.mean() == pytest.approx(0.0, abs=0.02)
+    assert noise.std() == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_array_equal(proposal.controls, 0.1 * noise)
     assert proposal.queue_ms == 1.0
 
 
 @pytest.mark.parametrize(
-    ("options", "settings", "evaluations"),
+    ("options", "samplers", "solver", "settings", "evaluations"),
     [
-        (ActionDiffusion(), ("dpm_solver", 3, 2.0), 6),
-        (ActionDiffusion(sampler="ddim"), ("ddim", 10, 1.5), 20),
-        (ActionDiffusion(sampler="paper"), ("ddim", 50, 2.0), 100),
-        (ActionDiffusion(steps=7), ("dpm_solver", 7, 2.0), 14),
-        (ActionDiffusion(sampler="ddim", guidance_scale=0.0), ("ddim", 10, 0.0), 10),
-        (ActionDiffusion(sampler="ddim", steps=5, guidance_scale=1.0), ("ddim", 5, 1.0), 5),
+        (ActionDiffusion(), PAPER_MODEL_SAMPLERS, "dpm_solver", (3, 2.0, 0.7, 0.25), 6),
+        (ActionDiffusion(), OTHER_SAMPLERS, "dpm_solver", (2, 1.0, 1.0, 0.125), 2),
+        (ActionDiffusion(sampler="ddim"), PAPER_MODEL_SAMPLERS, "ddim", (10, 1.5, 1.0, 0.0), 20),
+        (ActionDiffusion(sampler="ddim"), OTHER_SAMPLERS, "ddim", (4, 3.0, 0.75, 0.25), 8),
+        (ActionDiffusion(sampler="paper"), PAPER_MODEL_SAMPLERS, "ddim", (50, 2.0, 1.0, 0.0), 100),
+        (ActionDiffusion(sampler="paper"), OTHER_SAMPLERS, "ddim", (50, 2.0, 1.0, 0.0), 100),
+        (ActionDiffusion(steps=7), PAPER_MODEL_SAMPLERS, "dpm_solver", (7, 2.0, 0.7, 0.25), 14),
+        (ActionDiffusion(steps=7), OTHER_SAMPLERS, "dpm_solver", (7, 1.0, 1.0, 0.125), 7),
+        (
+            ActionDiffusion(sampler="ddim", guidance_scale=0.0),
+            OTHER_SAMPLERS,
+            "ddim",
+            (4, 0.0, 0.75, 0.25),
+            4,
+        ),
+        (
+            ActionDiffusion(steps=5, guidance_scale=2.0),
+            OTHER_SAMPLERS,
+            "dpm_solver",
+            (5, 2.0, 1.0, 0.125),
+            10,
+        ),
     ],
 )
-def test_what_is_left_open_is_settled_by_the_sampler(
-    options: ActionDiffusion, settings: tuple[str, int, float], evaluations: int
+def test_what_is_left_open_is_settled_by_the_model_but_for_the_sampler_of_the_paper(
+    options: ActionDiffusion,
+    samplers: Samplers,
+    solver: str,
+    settings: tuple[int, float, float, float],
+    evaluations: int,
 ) -> None:
-    model = Recorder()
-    method = Learned(options, model)
+    sampler = options.settled(samplers)
 
-    method.propose(PROBLEM, 4, np.random.default_rng(0))
-
-    (call,) = model.calls
-    assert (call["solver"], call["steps"], call["guidance_scale"]) == settings
-    assert options.settings == settings
-    assert method.cost(4) == options.cost(4)
-    assert method.cost(4).network_evaluations == evaluations
+    assert sampler.solver == solver
+    assert sampler.settings == SamplerSettings(*settings)
+    assert Learned(sampler, Recorder()).cost(4) == sampler.cost(4)
+    assert sampler.cost(4).network_evaluations == evaluations
 
 
 @pytest.mark.parametrize("options", [{"steps": 50}, {"guidance_scale": 2.0}, {"steps": 10}])
@@ -86,12 +98,31 @@ def test_the_sampler_of_the_paper_is_not_to_be_changed(options: dict[str, Any]) 
 def test_the_cost_counts_both_predictions_where_there_are_two(
     guidance_scale: float, predictions: int
 ) -> None:
-    method = ActionDiffusion(steps=20, guidance_scale=guidance_scale)
+    options = ActionDiffusion(steps=20, guidance_scale=guidance_scale)
 
-    assert method.cost(512) == Cost(
+    assert options.settled(OTHER_SAMPLERS).cost(512) == Cost(
         network_evaluations=20 * predictions, predictions_per_step=predictions
     )
 
 
 def test_with_a_model_it_goes_by_its_own_name() -> None:
-    assert Learned(ActionDiffusion(), Recorder()).name == ActionDiffusion().name
+    sampler = ActionDiffusion().settled(OTHER_SAMPLERS)
+
+    assert Learned(sampler, Recorder()).name == sampler.name == ActionDiffusion().name
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("steps", 0), ("guidance_scale", 20.1), ("first_time", 1.1), ("last_time", -0.1)],
+)
+def test_settings_out_of_their_range_are_refused(field: str, value: float) -> None:
+    settings: dict[str, Any] = {
+        "steps": 3, "guidance_scale": 1.0, "first_time": 0.8, "last_time": 0.1, field: value
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=field):
+        SamplerSettings(**settings)
+
+
+def test_times_that_rise_are_refused() -> None:
+    with pytest.raises(ValueError, match="times fall"):
+        SamplerSettings(3, 1.0, first_time=0.2, last_time=0.3)

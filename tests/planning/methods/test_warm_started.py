@@ -9,6 +9,7 @@ from app.planning.arrays import FloatArray
 from app.planning.methods import OPTIMISERS, ActionDiffusion, AnyOptimiser, DatasetPrior
 from app.planning.methods.base import Method
 from app.planning.methods.optimiser import Optimiser
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS
 from app.planning.methods.warm_started import WarmStarted
 from app.planning.plan import Plan
 from app.planning.planner import plan
@@ -109,9 +110,9 @@ def test_it_goes_by_the_name_of_the_optimiser_and_passes_the_waiting_on() -> Non
 
 
 def test_its_cost_is_known_before_the_initial_method_has_its_model() -> None:
-    options = ActionDiffusion()
+    sampler = ActionDiffusion().settled(PAPER_MODEL_SAMPLERS)
 
-    assert WarmStarted(QUICK[0], options).cost(32) == options.cost(32) + QUICK[0].cost(32)
+    assert WarmStarted(QUICK[0], sampler).cost(32) == sampler.cost(32) + QUICK[0].cost(32)
 
 
 @quickly

@@ -9,7 +9,7 @@ from app.settings_options import read_settings
 @click.command()
 @click.option("--machines", is_flag=True, help="List the machines that have a name, instead.")
 def models(machines: bool) -> None:
-    """List the models of the store: what they cover, and were trained on.
+    """List the models of the store, and what they cover.
 
     Each is checked against its manifest. The store is the one that is shipped, or
     BREAKAWAY_MODEL_STORE.

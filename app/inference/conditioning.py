@@ -1,4 +1,4 @@
-"""What a network knows of a problem: some of its numbers, by name, standardised.
+"""What a network knows of a task: some of its numbers, by name, standardised.
 
 Which features a model takes, its manifest says; what they are, `app.planning.plant.features`.
 """
@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, model_validator
 
 from app.planning.arrays import FloatArray
-from app.planning.plant.coverage import Coverage
 from app.planning.plant.features import PLANT_FEATURES, TASK_FEATURES, feature_values
 from app.planning.plant.task import Task
-from app.planning.problem import Problem
 
 STATES = ("initial_position", "initial_velocity", "target_position", "target_velocity")
 """The paper's condition, c = [x_0, x*]."""
@@ -57,21 +55,12 @@ class Conditioning(BaseModel):
         return len(self.features)
 
     def encode_tasks(self, task: Task, horizon: int) -> NDArray[np.float32]:
-        """Return the conditions (N, C) of tasks as they are.
+        """Return the conditions (N, C) of tasks: (value - mean) / std of each feature.
 
         Args:
             task: the fields of it and of its plant are floats or (N,).
             horizon: H.
         """
-        return self._standardised(feature_values(self.features, task, horizon))
-
-    def encode(self, problem: Problem, coverage: Coverage) -> NDArray[np.float32]:
-        """Return the condition (C,) of a problem, or of the nearest one that is covered."""
-        values = feature_values(self.features, problem.task, problem.horizon)
-        condition: NDArray[np.float32]
-        (condition,) = self._standardised(coverage.clamped(self.features, values))
-        return condition
-
-    def _standardised(self, values: FloatArray) -> NDArray[np.float32]:
+        values = feature_values(self.features, task, horizon)
         standardised: FloatArray = (values - np.array(self.mean)) / np.array(self.std)
         return standardised.astype(np.float32)

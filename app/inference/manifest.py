@@ -106,8 +106,11 @@ class Manifest(_AnyManifest):
         )
 
     def encode(self, problem: Problem) -> NDArray[np.float32]:
-        """Return what the network knows of a problem, (C,)."""
-        return self.condition.encode(problem, self.coverage)
+        """Return what the network knows of a problem, (C,), or of the nearest one covered."""
+        task = self.coverage.nearest(problem.task, self.horizon)
+        condition: NDArray[np.float32]
+        (condition,) = self.condition.encode_tasks(task, self.horizon)
+        return condition
 
     @classmethod
     def read(cls, path: Path) -> "Manifest":

@@ -21,8 +21,8 @@ class ModelDescription(WireModel):
     trained_on: str = Field(description="In words.")
     plants: str = Field(description="Those that the model covers, in words.")
     coverage: Coverage = Field(
-        description="The same as numbers: the least and greatest value of each feature of a plant, "
-        "and of features of the task, where a start or target beyond is taken as the nearest one "
+        description="The same as numbers: the least and greatest value of features of a plant. "
+        "Ranges of features of the task refuse nothing: the network is asked for the nearest task "
         "within."
     )
     system: System = Field(description="The plant of a request that names the model and no plant.")

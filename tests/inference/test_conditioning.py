@@ -2,22 +2,21 @@ import numpy as np
 import pytest
 
 from app.inference.conditioning import Conditioning
-from app.planning.plant.coverage import Coverage
 from app.planning.plant.features import PLANT_FEATURES, TASK_FEATURES, feature_values
 from app.planning.plant.machines import MACHINES
-from app.planning.plant.system import Plant, System
+from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
 
 PROBLEM = Problem(np.array([0.3, -0.2]), np.array([0.7, 0.1]))
-COVERAGE = Coverage.only(System())
 
 
 def test_the_papers_condition_is_start_and_target_standardised_in_double_precision() -> None:
     mean, std = np.array([0.0011, -0.00075]), np.array([0.61, 0.29])
     states = np.stack([PROBLEM.initial_state, PROBLEM.target_state])
 
-    condition = Conditioning.on_states(mean.tolist(), std.tolist()).encode(PROBLEM, COVERAGE)
+    conditioning = Conditioning.on_states(mean.tolist(), std.tolist())
+    (condition,) = conditioning.encode_tasks(PROBLEM.task, PROBLEM.horizon)
 
     assert condition.dtype == np.float32
     np.testing.assert_array_equal(condition, ((states - mean) / std).ravel().astype(np.float32))
@@ -31,7 +30,9 @@ def test_features_are_taken_by_name_in_the_order_of_the_manifest() -> None:
     )
 
     assert conditioning.size == 3
-    np.testing.assert_allclose(conditioning.encode(PROBLEM, COVERAGE), [0.1, 2, -0.1], rtol=1e-6)
+    np.testing.assert_allclose(
+        conditioning.encode_tasks(PROBLEM.task, PROBLEM.horizon), [[0.1, 2, -0.1]], rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("feature", [*TASK_FEATURES, *PLANT_FEATURES])
@@ -39,7 +40,7 @@ def test_every_feature_may_be_part_of_a_condition(feature: str) -> None:
     conditioning = Conditioning(features=(feature,), mean=(0.0,), std=(1.0,))
 
     value = feature_values((feature,), PROBLEM.task, PROBLEM.horizon)
-    assert conditioning.encode(PROBLEM, COVERAGE)[0] == np.float32(value[0, 0])
+    assert conditioning.encode_tasks(PROBLEM.task, PROBLEM.horizon)[0, 0] == np.float32(value[0, 0])
 
 
 def test_many_tasks_are_encoded_at_once_and_each_as_it_is_alone() -> None:
@@ -59,18 +60,6 @@ def test_many_tasks_are_encoded_at_once_and_each_as_it_is_alone() -> None:
     assert together.shape == (len(MACHINES), len(features))
     assert together.dtype == np.float32
     np.testing.assert_allclose(together, alone, rtol=1e-6)
-
-
-def test_what_is_served_is_clamped_to_the_tasks_that_are_covered_and_plants_are_not() -> None:
-    conditioning = Conditioning(
-        features=("target_position", "static_forward"), mean=(0.5, 0.0), std=(0.5, 1.0)
-    )
-    coverage = Coverage({"target_position": (-0.5, 0.6), "static_forward": (0.8, 0.9)})
-
-    np.testing.assert_allclose(conditioning.encode(PROBLEM, coverage), [0.2, 0.7], rtol=1e-6)
-    np.testing.assert_allclose(
-        conditioning.encode_tasks(PROBLEM.task, PROBLEM.horizon), [[0.4, 0.7]], rtol=1e-6
-    )
 
 
 def test_an_unknown_feature_is_refused_and_those_that_exist_are_named() -> None:

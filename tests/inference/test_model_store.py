@@ -117,9 +117,8 @@ def test_the_shipped_models_are_run_by_the_kernel(caplog: pytest.LogCaptureFixtu
             UNet(UNetConfig(kind="unet", channels=16, time_dimension=8, condition_dimension=8), 4),
             20,
         ),
-        (AddsUp(), 64),
     ],
-    ids=["channels", "horizon", "layers"],
+    ids=["channels", "horizon"],
 )
 def test_a_network_that_the_kernel_cannot_run_is_run_as_it_is_with_a_warning(
     store: Path,
@@ -136,6 +135,18 @@ def test_a_network_that_the_kernel_cannot_run_is_run_as_it_is_with_a_warning(
     (warning,) = caplog.records
     assert warning.levelname == "WARNING"
     assert "tiny runs as TorchScript" in warning.getMessage()
+    assert_answers_as(model, content)
+
+
+def test_a_network_of_another_make_is_run_as_it_is_without_a_warning(
+    store: Path, publish: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    content = to_torchscript(AddsUp())
+    publish(content=content)
+
+    (model,) = ModelStore.load(store, CPU, THREADS).models
+
+    assert not caplog.records
     assert_answers_as(model, content)
 
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import torch
 
-from app.inference.networks.base import Checkpoint, Network, UnsuitableNetwork
+from app.inference.networks.base import AnotherNetwork, Checkpoint, Network, UnsuitableNetwork
 from app.inference.networks.compiled import CompiledNetwork
 from app.inference.networks.scripted import ScriptedNetwork, run_script
 from app.inference.row_threads import RowThreads
@@ -33,6 +33,8 @@ def build_network(
     checkpoint: Checkpoint, threads: RowThreads, name: str, kinds: Sequence[Kind] = KINDS
 ) -> Network:
     """Return the fastest network that suits the checkpoint and agrees with it, warmed up.
+
+    A network that is no U-Net, an MLP say, runs as TorchScript, as it is meant to.
 
     Args:
         checkpoint: to run.
@@ -60,6 +62,8 @@ def _fastest(
         try:
             network = build(checkpoint, threads)
             _check_agreement(network, checkpoint)
+        except AnotherNetwork as error:
+            log.info("%s runs as TorchScript: %s", name, error)
         except UnsuitableNetwork as error:
             # A GPU is no reason to worry.
             level = logging.WARNING if checkpoint.device.type == "cpu" else logging.DEBUG

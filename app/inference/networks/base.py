@@ -46,3 +46,7 @@ class Checkpoint:
 
 class UnsuitableNetwork(ValueError):
     """The checkpoint's network is not one that this kind of network can run."""
+
+
+class AnotherNetwork(UnsuitableNetwork):
+    """The checkpoint's network is of quite another make, and nothing is wrong with it."""

@@ -7,7 +7,7 @@ from torch.nn.functional import linear, silu
 
 from app.inference.checkpoint import BLOCKS, GROUPS, LayoutMismatch, read_widths
 from app.inference.kernel import LANES, LENGTH_MULTIPLE, Floats, arrange, predict_rows
-from app.inference.networks.base import Checkpoint, UnsuitableNetwork
+from app.inference.networks.base import AnotherNetwork, Checkpoint, UnsuitableNetwork
 from app.inference.row_threads import RowThreads
 
 
@@ -23,16 +23,19 @@ class CompiledNetwork:
 
     Raises:
         UnsuitableNetwork: the kernel does not take its layers, sizes or horizon.
+        AnotherNetwork: it is no U-Net.
     """
 
     def __init__(self, checkpoint: Checkpoint, threads: RowThreads) -> None:
         if checkpoint.device.type != "cpu":
             raise UnsuitableNetwork("the kernel is for CPUs")
+        unet, parameters = checkpoint.script, checkpoint.script.state_dict()
+        if not any(name.startswith(BLOCKS) for name in parameters):
+            raise AnotherNetwork("it has none of the U-Net's residual blocks")
         if checkpoint.horizon % LENGTH_MULTIPLE:
             raise UnsuitableNetwork(
                 f"its horizon {checkpoint.horizon} is not a multiple of {LENGTH_MULTIPLE}"
             )
-        unet, parameters = checkpoint.script, checkpoint.script.state_dict()
         channels = _channels(parameters)
         self._threads = threads
         self._weights = arrange({name: _floats(tensor) for name, tensor in parameters.items()})

@@ -12,14 +12,13 @@ from app.planning.methods.sampler import (
     Sampler,
     Samplers,
     SamplerSettings,
-    Solver,
     Steps,
 )
 from app.planning.options import Options
 from app.planning.problem import Candidates, Cost, Problem
 from app.planning.stop import NEVER, Stop
 
-SamplerName: TypeAlias = Solver | Literal["paper"]
+SamplerName: TypeAlias = Literal["dpm_solver", "ddim", "paper"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,14 @@
 """What a model covers: ranges of features of plants and tasks, and the plants in words."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self, TypeAlias
 
-from app.planning.arrays import FloatArray
 from app.planning.options import Options
-from app.planning.plant.features import PLANT_FEATURES, TASK_FEATURES
+from app.planning.plant.features import CHANGES, PLANT_FEATURES, TASK_FEATURES
 from app.planning.plant.system import System
+from app.planning.plant.task import Task
 
 Bounds: TypeAlias = tuple[float, float]
 """Least and greatest value, both included."""
@@ -19,18 +19,18 @@ class Coverage(Options):
     """Plants whose every named feature lies within its bounds, and tasks as far as theirs go."""
 
     ranges: dict[str, Bounds]
-    """By the names of `PLANT_FEATURES` and `TASK_FEATURES`."""
+    """By the names of `PLANT_FEATURES`, and of those of a task that can be changed (`CHANGES`)."""
 
     def check_combination(self) -> None:
         """Check names and order.
 
         Raises:
-            ValueError: no feature has that name, a lower bound exceeds its upper one, or there are
-                no ranges of plants.
+            ValueError: no feature that may have a range is called so, a lower bound exceeds its
+                upper one, or no range is of plants.
         """
         for name, (low, high) in self.ranges.items():
-            if name not in PLANT_FEATURES and name not in TASK_FEATURES:
-                raise ValueError(f"no feature {name!r} of a plant or a task")
+            if name not in PLANT_FEATURES and name not in CHANGES:
+                raise ValueError(f"there are no ranges of {name!r}")
             if not -math.inf < low <= high < math.inf:
                 raise ValueError(f"{name} is a range from {low} to {high}")
         if not self.plants:
@@ -55,20 +55,14 @@ class Coverage(Options):
             if name in PLANT_FEATURES
         )
 
-    def clamped(self, names: Sequence[str], values: FloatArray) -> FloatArray:
-        """Return features (..., C), those of the task no further than their ranges go.
-
-        Args:
-            names: C of them.
-            values: of the features.
-        """
-        unbounded = (-math.inf, math.inf)
-        low, high = zip(
-            *(self.ranges.get(name, unbounded) if name in TASK_FEATURES else unbounded
-              for name in names),
-            strict=True,
-        )  # fmt: skip
-        return values.clip(low, high)
+    def nearest(self, task: Task, horizon: int) -> Task:
+        """Return a task that goes no further than the ranges: where one does, to their end."""
+        for name, (low, high) in self.ranges.items():
+            if name in TASK_FEATURES:
+                value = TASK_FEATURES[name](task, horizon)
+                if not low <= value <= high:
+                    task = CHANGES[name](task, horizon, low if value < low else high)
+        return task
 
     def __str__(self) -> str:
         """Write each feature of the plants as a number, or as a range."""

@@ -103,6 +103,23 @@ TASK_FEATURES: dict[str, TaskFeature] = {
 }
 """m and m/s, or shares of the plant's scales."""
 
+CHANGES: dict[str, Callable[[Task, int, float], Task]] = {
+    "initial_position": lambda task, _, value: task._replace(position=value),
+    "initial_velocity": lambda task, _, value: task._replace(velocity=value),
+    "target_position": lambda task, _, value: task._replace(target_position=value),
+    "target_velocity": lambda task, _, value: task._replace(target_velocity=value),
+    "displacement_over_reach": lambda task, horizon, value: task._replace(
+        target_position=task.position + value * scales(task.plant, horizon).reach
+    ),
+    "initial_velocity_over_speed": lambda task, horizon, value: task._replace(
+        velocity=value * scales(task.plant, horizon).speed
+    ),
+    "target_velocity_over_speed": lambda task, horizon, value: task._replace(
+        target_velocity=value * scales(task.plant, horizon).speed
+    ),
+}
+"""Of a task and a horizon H, the task whose feature has another value."""
+
 
 def feature_values(names: Sequence[str], task: Task, horizon: int) -> FloatArray:
     """Return features (N, C) of a task and its plant, by name.

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from app.inference.networks.base import UnsuitableNetwork
+from app.inference.networks.base import AnotherNetwork, UnsuitableNetwork
 from app.inference.networks.compiled import CompiledNetwork
 from app.inference.networks.scripted import run_script
 from app.inference.row_threads import RowThreads
@@ -59,8 +59,8 @@ class OtherLayers(nn.Module):
         return noise
 
 
-def test_other_layers_are_refused(read: Read) -> None:
-    with pytest.raises(UnsuitableNetwork, match="not those of Table 1"):
+def test_a_network_of_another_make_is_refused_as_such(read: Read) -> None:
+    with pytest.raises(AnotherNetwork, match="none of the U-Net's residual blocks"):
         CompiledNetwork(read(OtherLayers()), THREADS)
 
 

@@ -1,19 +1,20 @@
 """Which network runs a checkpoint: the fastest one that suits it and agrees with it."""
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TypeAlias
 
 import pytest
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from app.inference.networks import build_network
 from app.inference.networks.base import Checkpoint, Network
 from app.inference.networks.compiled import CompiledNetwork
 from app.inference.networks.scripted import ScriptedNetwork
 from app.inference.row_threads import RowThreads
-from tests.inference.networks.conftest import RandomUNet, Read
+from tests.inference.networks.conftest import CONDITION_SIZE, RandomUNet, Read
 from training.unet import UNet
 
 THREADS = RowThreads(1)
@@ -77,6 +78,42 @@ def test_an_unsuitable_checkpoint_runs_as_it_is_and_the_log_says_why(
 ) -> None:
     assert isinstance(built(read(random_unet(), horizon=20)), ScriptedNetwork)
     assert "slowly: its horizon 20 is not a multiple of 8" in caplog.text
+
+
+class MLP(nn.Module):
+    """A network with the U-Net's arguments, and another inside."""
+
+    def __init__(self, horizon: int) -> None:
+        super().__init__()
+        self.input = nn.Linear(horizon + 1 + CONDITION_SIZE, 32)
+        self.output = nn.Linear(32, horizon)
+
+    def forward(self, u_t: Tensor, t: Tensor, condition: Tensor, keep: Tensor) -> Tensor:
+        known = condition * keep.unsqueeze(1).to(condition.dtype)
+        x = torch.cat([u_t[:, 0], t.unsqueeze(1).to(u_t.dtype) / 20.0, known], dim=1)
+        out: Tensor = self.output(torch.relu(self.input(x)))
+        return out.unsqueeze(1)
+
+
+@pytest.mark.parametrize("horizon", [20, 64])
+def test_a_network_that_is_no_unet_runs_as_it_is_and_nothing_is_said_to_be_wrong(
+    horizon: int, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    torch.manual_seed(0)
+    mlp = MLP(horizon)
+    caplog.set_level(logging.INFO)
+    network = built(read(mlp, horizon))
+
+    assert isinstance(network, ScriptedNetwork)
+    assert [record.levelno for record in caplog.records] == [logging.INFO]
+    assert "none of the U-Net's residual blocks" in caplog.text
+    u_t, t = torch.randn(5, horizon), torch.arange(5)
+    condition, keep = torch.randn(CONDITION_SIZE), torch.tensor([True, False, True, True, False])
+    embedding = network.embed(condition)[(~keep).long()]
+    torch.testing.assert_close(
+        network.predict(u_t, t, embedding),
+        mlp(u_t.unsqueeze(1), t, condition.expand(5, -1), keep)[:, 0],
+    )
 
 
 def test_a_condition_of_another_size_than_the_checkpoint_takes_is_no_network(

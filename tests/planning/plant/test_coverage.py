@@ -6,8 +6,11 @@ import pytest
 from pydantic import TypeAdapter
 
 from app.planning.plant.coverage import Coverage
-from app.planning.plant.machines import MACHINES
+from app.planning.plant.features import CHANGES, TASK_FEATURES, feature_values
+from app.planning.plant.machines import MACHINES, Machine
+from app.planning.plant.natural_units import scales
 from app.planning.plant.system import ByDirection, ControlLimits, System
+from app.planning.plant.task import Task
 
 PAPER = Coverage.only(System())
 SLIPPERY = Coverage(
@@ -96,13 +99,29 @@ def test_plants_are_covered_by_what_has_no_unit() -> None:
     assert not GENERAL.covers(damped, 256)
 
 
-def test_features_of_the_task_are_clamped_and_all_others_left_alone() -> None:
-    names = ("static_forward_over_limit", "displacement_over_reach", "initial_position")
-    values = np.array([[5.0, 5.0, 5.0], [-5.0, -5.0, -5.0], [0.1, 0.2, 0.3]])
+@pytest.mark.parametrize("machine", MACHINES.values(), ids=list(MACHINES))
+def test_a_task_beyond_the_ranges_is_taken_to_their_end(machine: Machine) -> None:
+    plant = machine.system.plant
+    reach, speed = scales(plant, 48)
+    within = Task(0.3, 5 * speed, 0.3 + 1.9 * reach, -1.09 * speed, plant)
+    beyond = Task(0.3, 5 * speed, 0.3 - 7 * reach, 1.2 * speed, plant)
 
-    np.testing.assert_array_equal(
-        GENERAL.clamped(names, values), [[5, 1.98, 5], [-5, -1.98, -5], [0.1, 0.2, 0.3]]
-    )
+    assert GENERAL.nearest(within, 48) == within
+    nearest = GENERAL.nearest(beyond, 48)
+    assert nearest[:4] == pytest.approx((0.3, 5 * speed, 0.3 - 1.98 * reach, 1.1 * speed))
+    assert nearest.plant == plant
+    names = ("displacement_over_reach", "target_velocity_over_speed")
+    np.testing.assert_allclose(feature_values(names, nearest, 48), [[-1.98, 1.1]])
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_every_feature_of_a_task_that_may_have_a_range_is_kept_within_it(name: str) -> None:
+    coverage = Coverage({"static_forward": (0.0, 1.0), name: (0.25, 0.5)})
+    for sign, end in ((1, 0.5), (-1, 0.25)):
+        task = Task(100 * sign, 200 * sign, 400 * sign, 300 * sign, System().plant)
+        nearest = coverage.nearest(task, 64)
+        assert TASK_FEATURES[name](nearest, 64) == pytest.approx(end)
+        assert sum(one != other for one, other in zip(task, nearest, strict=True)) == 1
 
 
 def test_it_says_in_words_which_plants_it_covers() -> None:
@@ -147,7 +166,7 @@ def test_it_travels_as_json() -> None:
         ({"static_forward": (0.6, 0.1)}, "static_forward is a range from 0.6 to 0.1"),
         ({"static_forward": (0.0, float("inf"))}, "static_forward is a range from 0.0 to inf"),
         ({"static_forward": (float("nan"), 1.0)}, "static_forward is a range from nan"),
-        ({"mass": (0.0, 1.0)}, "no feature 'mass'"),
+        ({"mass": (0.0, 1.0)}, "no ranges of 'mass'"),
         ({"target_position": (0.0, 1.0)}, "which plants"),
         ({}, "which plants"),
     ],

@@ -12,7 +12,7 @@ from app.planning.methods.sampler import SamplerSettings
 
 def print_models(manifests: Sequence[Manifest]) -> None:
     """Print a line for each model, and below them what each covers and was trained on."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     table = Table(
         Column("model", no_wrap=True),
         Column("H", justify="right"),

@@ -10,9 +10,7 @@ from collections.abc import Callable
 
 import torch
 from llvmlite import binding
-from torch import Tensor
-
-from training.unet import UNet
+from torch import Tensor, nn
 
 MINIMUM_STEPS = 2000
 """Compiling takes about 40 s on two cores: as long as it saves in so many steps."""
@@ -22,19 +20,19 @@ CPU_FEATURES = ("avx512bf16", "amx-bf16", "bf16")
 log = logging.getLogger("training")
 
 
-def accelerated(unet: UNet, device: torch.device, steps: int) -> Callable[..., Tensor]:
-    """Return `unet` as a training of `steps` steps computes it: faster if it can be and pays."""
+def accelerated(network: nn.Module, device: torch.device, steps: int) -> Callable[..., Tensor]:
+    """Return `network` as a training of `steps` steps computes it: faster if it can be and pays."""
     obstacle = _obstacle(device, steps)
     if obstacle:
         log.info("training in float32, step by step: %s", obstacle)
-        return unet
+        return network
     log.info("training compiled, in bfloat16")
-    compiled = torch.compile(unet)
+    compiled = torch.compile(network)
 
     def forward(*arguments: Tensor) -> Tensor:
         with torch.autocast(device.type, torch.bfloat16):
-            noise: Tensor = compiled(*arguments)
-        return noise.float()
+            predicted: Tensor = compiled(*arguments)
+        return predicted.float()
 
     return forward
 

@@ -1,89 +1,142 @@
 """The training configuration: the default one, and TOML files that say what differs from it."""
 
+import math
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
-from app.inference.manifest import ModelName
+from app.inference.manifest import ModelName, Prediction
+from app.planning.methods.sampler import Samplers
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
+from training.experts import Experts
+from training.machines import RandomMachines
+from training.section import Bounds, Probability, Section
 
 DEFAULT_CONFIG = Path(__file__).with_name("default.toml")
 
-Probability = Annotated[float, Field(ge=0, lt=1)]
+LEAST_SHARE = 0.02
+"""Of the learning rate, to which the cosine takes it down."""
+
+Horizon: TypeAlias = Annotated[int, Field(ge=4, multiple_of=2)]
+"""The U-Net halves it once, and normalises over what is left."""
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+class TransitionsConfig(Section):
+    """The paper's data: how many transitions of `system`, from which initial states (uniform)."""
 
-
-class DataConfig(_Section):
-    """How many transitions, of which horizon, from which initial states (uniform)."""
-
-    horizon: Annotated[int, Field(ge=4, multiple_of=2)]
-    """The U-Net halves it once, and normalises over what is left."""
+    kind: Literal["transitions"]
+    horizon: Horizon
     training_samples: PositiveInt
     validation_samples: PositiveInt
-    position_range: tuple[float, float]
-    velocity_range: tuple[float, float]
-
-    @model_validator(mode="after")
-    def _ranges_are_ordered(self) -> "DataConfig":
-        for low, high in (self.position_range, self.velocity_range):
-            if not low < high:
-                raise ValueError("a range is [low, high] with low < high")
-        return self
+    position_range: Bounds
+    velocity_range: Bounds
 
 
-class NetworkConfig(_Section):
+class PlansConfig(Section):
+    """Plans for random machines, made while the network trains on those of before."""
+
+    kind: Literal["plans"]
+    horizon: Horizon
+    validation_samples: PositiveInt
+    plans_at_once: PositiveInt
+    """A chunk: made by one thread, and with its mirror images the smallest part of the pool."""
+    chunks_in_pool: PositiveInt
+    """A batch is drawn from so many chunks, the latest ones."""
+    steps_per_chunk: PositiveInt
+    """After so many steps a new chunk takes the place of the oldest."""
+    machines: RandomMachines
+    experts: Experts
+
+
+class UNetConfig(Section):
     """Widths of the U-Net (paper, Tables 1 and 2)."""
 
+    kind: Literal["unet"]
     channels: Annotated[int, Field(gt=0, multiple_of=8)]
     time_dimension: Annotated[int, Field(gt=0, multiple_of=2)]
     condition_dimension: PositiveInt
 
 
-class DiffusionConfig(_Section):
+class MLPConfig(Section):
+    """Sizes of the residual MLP."""
+
+    kind: Literal["mlp"]
+    width: PositiveInt
+    blocks: PositiveInt
+    time_dimension: Annotated[int, Field(gt=0, multiple_of=2)]
+
+
+class DiffusionConfig(Section):
     """T of the cosine schedule, and the probability that a condition is dropped."""
 
     num_timesteps: Annotated[int, Field(ge=2, le=10_000)]
     drop_probability: Probability
+    predicts: Prediction
+    """What the network is trained to predict: the noise (the paper), the clean controls, or the
+    velocity between them."""
 
 
-class OptimisationConfig(_Section):
-    """Adam on the noise-prediction loss, with an exponential moving average of the weights."""
+class OptimisationConfig(Section):
+    """Adam on the mean-squared error, with an exponential moving average of the weights."""
 
     steps: PositiveInt
     batch_size: PositiveInt
     learning_rate: PositiveFloat
+    decay: Literal["none", "cosine"]
+    """Of the learning rate, down to `LEAST_SHARE` of it."""
     ema_decay: Probability
+    max_gradient_norm: PositiveFloat | None = None
+    """Longer gradients are shortened to it; the paper's are not."""
+    terminal_weight: NonNegativeFloat
+    """Of the terminal loss beside the mean-squared error."""
     validation_interval: PositiveInt
 
+    def learning_rate_at(self, step: int) -> float:
+        """Return the learning rate of a step (from 0)."""
+        if self.decay == "none":
+            return self.learning_rate
+        share = 0.5 * (1 + math.cos(math.pi * step / self.steps))
+        return self.learning_rate * (LEAST_SHARE + (1 - LEAST_SHARE) * share)
 
-class TrainingConfig(_Section):
+
+class TrainingConfig(Section):
     """Everything that decides the weights of a model; the seed decides all that is random."""
 
     name: ModelName
     version: PositiveInt
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     system: System
+    """The plant; of a model for many, the one that a request is for which names none."""
     prior: ControlPrior
-    data: DataConfig
-    network: NetworkConfig
+    data: Annotated[TransitionsConfig | PlansConfig, Field(discriminator="kind")]
+    network: Annotated[UNetConfig | MLPConfig, Field(discriminator="kind")]
     diffusion: DiffusionConfig
     optimisation: OptimisationConfig
+    samplers: Samplers
+    """What the model's samplers do where a request does not say it; no matter of training."""
 
     @model_validator(mode="after")
-    def _a_batch_fits(self) -> "TrainingConfig":
-        if self.optimisation.batch_size > self.data.training_samples:
-            raise ValueError("batch_size must not exceed training_samples")
+    def _goes_together(self) -> "TrainingConfig":
+        optimisation, data = self.optimisation, self.data
+        if isinstance(data, TransitionsConfig):
+            if optimisation.batch_size > data.training_samples:
+                raise ValueError("batch_size must not exceed training_samples")
+            if optimisation.terminal_weight:
+                raise ValueError('terminal_weight is for data of the kind "plans"')
         return self
+
+    def same_training(self) -> str:
+        """Return all that decides the weights, as JSON."""
+        return self.model_dump_json(exclude={"samplers"})
 
     @classmethod
     def read(cls, path: Path) -> "TrainingConfig":
         """Read a TOML file: a name, and whatever differs from the default configuration.
+
+        A section of another kind than the default's has to be whole.
 
         Raises:
             OSError: the file cannot be read.
@@ -97,6 +150,12 @@ class TrainingConfig(_Section):
         sections = {
             name: section | own[name]
             for name, section in default.items()
-            if isinstance(section, dict) and isinstance(own.get(name), dict)
+            if isinstance(section, dict) and _is_a_variant(own.get(name), section)
         }
         return cls.model_validate(default | own | sections)
+
+
+def _is_a_variant(own: Any, section: dict[str, Any]) -> bool:
+    """Say whether a file's section says what differs from the default's `section`."""
+    kind = section.get("kind")
+    return isinstance(own, dict) and own.get("kind", kind) == kind

@@ -15,7 +15,6 @@ import torch
 
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest
 from app.inference.torchscript import to_torchscript
-from app.planning.plant.plant_range import PlantRange
 from training.config import TrainingConfig
 from training.trainer import LossRecord, Trainer
 
@@ -40,7 +39,7 @@ def export(trainer: Trainer, model_store: Path, log_file: Path) -> Path:
     """
     directory = version_directory(model_store, trainer.config)
     directory.parent.mkdir(parents=True, exist_ok=True)
-    checkpoint = to_torchscript(trainer.averaged_unet)
+    checkpoint = to_torchscript(trainer.averaged_network)
     history = trainer.progress.history
     with tempfile.TemporaryDirectory(dir=directory.parent, prefix=".export-") as parent:
         draft = Path(parent) / directory.name
@@ -60,10 +59,13 @@ def _manifest(trainer: Trainer, sha256: str) -> Manifest:
         name=config.name,
         version=config.version,
         sha256=sha256,
-        plants=PlantRange.only(config.system),
+        coverage=trainer.data.coverage,
+        system=config.system,
+        trained_on=trainer.data.description,
         horizon=config.data.horizon,
-        control_scale=config.system.plant.highest_control,
-        condition=trainer.conditioning,
+        condition=trainer.data.conditioning,
+        predicts=config.diffusion.predicts,
+        samplers=config.samplers,
         alphas_cumprod=tuple(trainer.alphas_cumprod.tolist()),
         training=config.model_dump(mode="json"),
         seeds={"training": config.seed},

@@ -1,16 +1,14 @@
 """The training loop: resumable at any step, and the same weights however often it was stopped.
 
 Every random draw of step n comes from a generator seeded by (seed, purpose, n), so a step needs
-nothing from the one before it but the weights and the optimiser's state.
+nothing from the one before it but the weights and the optimiser's state (streams.py).
 """
 
 import logging
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from enum import IntEnum
-from functools import lru_cache
 from pathlib import Path
 from pickle import UnpicklingError
 from time import perf_counter
@@ -22,11 +20,15 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from training.acceleration import accelerated
-from training.config import TrainingConfig
-from training.dataset import TrainingSet, sample_transitions, state_conditioning
+from training.batch import Batch, Data
+from training.config import PlansConfig, TrainingConfig
 from training.files import write_atomically
+from training.network import Denoiser, build_network
+from training.plans import PlanData
 from training.schedule import cosine_alphas_cumprod
-from training.unet import UNet
+from training.streams import Stream, generator
+from training.terminal_loss import TerminalLoss
+from training.transitions import TransitionData
 
 SAVE_INTERVAL = 250
 VALIDATION_BATCH = 1000
@@ -36,17 +38,6 @@ log = logging.getLogger("training")
 
 class TrainingInterrupted(Exception):
     """A signal asked the run to stop; its state is saved."""
-
-
-class Stream(IntEnum):
-    """What a random generator is for."""
-
-    TRAINING_DATA = 0
-    VALIDATION_DATA = 1
-    WEIGHTS = 2
-    SHUFFLE = 3
-    STEP = 4
-    VALIDATION = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,41 +76,29 @@ class Trainer:
         self.device = device
         self._state_file = run_directory / "state.pt"
 
-        data = config.data
-        training = sample_transitions(
-            config, data.training_samples, self._rng(Stream.TRAINING_DATA)
-        )
-        validation = sample_transitions(
-            config, data.validation_samples, self._rng(Stream.VALIDATION_DATA)
-        )
-        self.conditioning = state_conditioning(training)
-        prepare = (self.conditioning, config.system.plant.highest_control, device)
-        self._training = TrainingSet.prepare(training, *prepare)
-        self._validation = TrainingSet.prepare(validation, *prepare)
+        self.data = _data(config, device)
         self.alphas_cumprod = cosine_alphas_cumprod(config.diffusion.num_timesteps)
         self._alphas = torch.tensor(self.alphas_cumprod, dtype=torch.float32, device=device)
-        self._permutation = lru_cache(maxsize=1)(self._shuffle)
 
         torch.manual_seed(int(self._rng(Stream.WEIGHTS).integers(2**63)))
-        self._unet = UNet(config.network, self.conditioning.size).to(device)
-        self._forward = accelerated(self._unet, device, config.optimisation.steps)
-        self._optimiser = torch.optim.Adam(
-            self._unet.parameters(), lr=config.optimisation.learning_rate, fused=True
-        )
+        sizes = (self.data.conditioning.size, config.data.horizon)
+        self._network = build_network(config.network, *sizes).to(device)
+        self._forward = accelerated(self._network, device, config.optimisation.steps)
+        self._optimiser = torch.optim.Adam(self._network.parameters(), fused=True)
         average = get_ema_multi_avg_fn(  # type: ignore[no-untyped-call]
             config.optimisation.ema_decay
         )
-        self._average = AveragedModel(self._unet, multi_avg_fn=average)
+        self._average = AveragedModel(self._network, multi_avg_fn=average)
         self.progress = Progress()
         if self._state_file.exists():
             self._load()
 
     @property
-    def averaged_unet(self) -> UNet:
+    def averaged_network(self) -> Denoiser:
         """The network with averaged weights, for export."""
-        unet = self._average.module
-        assert isinstance(unet, UNet)
-        return unet
+        network = self._average.module
+        assert isinstance(network, Denoiser)
+        return network
 
     def run(self) -> None:
         """Train to the last step, with a progress bar; log and record at every validation.
@@ -133,6 +112,7 @@ class Trainer:
         first, started = progress.step, perf_counter()
         with (
             _signals_noticed() as signals,
+            closing(self.data),
             tqdm(total=optimisation.steps, initial=progress.step, unit="step", disable=None) as bar,
         ):
             while progress.step < optimisation.steps:
@@ -150,45 +130,54 @@ class Trainer:
                     raise TrainingInterrupted(f"stopped at step {progress.step}, state saved")
 
     def _rng(self, stream: Stream, index: int = 0) -> np.random.Generator:
-        return np.random.default_rng([self.config.seed, stream, index])
-
-    def _shuffle(self, epoch: int) -> Tensor:
-        order = self._rng(Stream.SHUFFLE, epoch).permutation(self.config.data.training_samples)
-        return torch.from_numpy(order).to(self.device)
+        return generator(self.config.seed, stream, index)
 
     def _loss(
-        self,
-        unet: Callable[..., Tensor],
-        controls: Tensor,
-        conditions: Tensor,
-        rng: np.random.Generator,
+        self, network: Callable[..., Tensor], batch: Batch, rng: np.random.Generator
     ) -> Tensor:
-        """Mean-squared error of the predicted noise, conditions dropped (paper, Eqs. 2 and 3)."""
+        """Mean-squared error of the prediction, conditions dropped (paper, Eqs. 2 and 3).
+
+        With the terminal loss of the clean sequence that it amounts to, where that has a weight.
+        """
+        controls = batch.controls
         rows = len(controls)
-        diffusion = self.config.diffusion
+        diffusion, weight = self.config.diffusion, self.config.optimisation.terminal_weight
         t = torch.from_numpy(rng.integers(diffusion.num_timesteps, size=rows)).to(self.device)
         keep = torch.from_numpy(rng.random(rows) >= diffusion.drop_probability).to(self.device)
         noise_draw = rng.standard_normal(tuple(controls.shape), dtype=np.float32)
         noise = torch.from_numpy(noise_draw).to(self.device)
-        signal = self._alphas[t].view(-1, 1, 1)
-        noisy = signal.sqrt() * controls + (1 - signal).sqrt() * noise
-        return nn.functional.mse_loss(unet(noisy, t, conditions, keep), noise)
+        alphas_cumprod = self._alphas[t].view(-1, 1, 1)
+        signal_share, noise_share = alphas_cumprod.sqrt(), (1 - alphas_cumprod).sqrt()
+        noisy = signal_share * controls + noise_share * noise
+        predicted = network(noisy, t, batch.conditions, keep)
+        match diffusion.predicts:
+            case "noise":
+                target = noise
+                clean = (noisy - noise_share * predicted) / signal_share
+            case "clean":
+                target = controls
+                clean = predicted
+            case "velocity":
+                target = signal_share * noise - noise_share * controls
+                clean = signal_share * noisy - noise_share * predicted
+        loss = nn.functional.mse_loss(predicted, target)
+        if weight and batch.tasks:
+            terminal: Tensor = TerminalLoss.apply(clean.squeeze(1), batch.tasks, keep)  # type: ignore[no-untyped-call]
+            loss = loss + weight * terminal
+        return loss
 
     def _step(self, step: int) -> float:
         """Take optimiser step number `step` (from 0); return its loss."""
-        batch_size = self.config.optimisation.batch_size
-        epoch, batch = divmod(step, self.config.data.training_samples // batch_size)
-        rows = self._permutation(epoch)[batch * batch_size : (batch + 1) * batch_size]
-        loss = self._loss(
-            self._forward,
-            self._training.controls[rows],
-            self._training.conditions[rows],
-            self._rng(Stream.STEP, step),
-        )
+        optimisation = self.config.optimisation
+        for group in self._optimiser.param_groups:
+            group["lr"] = optimisation.learning_rate_at(step)
+        loss = self._loss(self._forward, self.data.batch(step), self._rng(Stream.STEP, step))
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
+        if optimisation.max_gradient_norm:
+            nn.utils.clip_grad_norm_(self._network.parameters(), optimisation.max_gradient_norm)
         self._optimiser.step()
-        self._average.update_parameters(self._unet)
+        self._average.update_parameters(self._network)
         value = loss.item()
         if not np.isfinite(value):
             raise FloatingPointError(f"the loss is {value} at step {step}")
@@ -198,14 +187,12 @@ class Trainer:
     def _validate(self) -> float:
         """Return the loss of the averaged weights on the held-out set, with the same draws ever."""
         total = 0.0
-        rows = len(self._validation.controls)
-        for batch, start in enumerate(range(0, rows, VALIDATION_BATCH)):
-            controls = self._validation.controls[start : start + VALIDATION_BATCH]
-            conditions = self._validation.conditions[start : start + VALIDATION_BATCH]
-            rng = self._rng(Stream.VALIDATION, batch)
-            loss = self._loss(self._average.module, controls, conditions, rng)
-            total += loss.item() * len(controls)
-        return total / rows
+        held_out = self.data.validation
+        for number, start in enumerate(range(0, len(held_out), VALIDATION_BATCH)):
+            batch = held_out.rows(slice(start, start + VALIDATION_BATCH))
+            rng = self._rng(Stream.VALIDATION, number)
+            total += self._loss(self._average.module, batch, rng).item() * len(batch)
+        return total / len(held_out)
 
     def _record(self, steps_per_second: float) -> None:
         progress = self.progress
@@ -225,11 +212,11 @@ class Trainer:
 
     def _save(self) -> None:
         state = {
-            "config": self.config.model_dump_json(),
+            "config": self.config.same_training(),
             "step": self.progress.step,
             "loss_sum": self.progress.loss_sum,
             "history": [(r.step, r.training, r.validation) for r in self.progress.history],
-            "unet": self._unet.state_dict(),
+            "network": self._network.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "average": self._average.state_dict(),
         }
@@ -240,18 +227,24 @@ class Trainer:
             state = torch.load(self._state_file, map_location=self.device, weights_only=True)
         except (RuntimeError, EOFError, UnpicklingError) as error:
             raise ValueError(f"{self._state_file} is damaged; delete it: {error}") from error
-        if state["config"] != self.config.model_dump_json():
+        if state["config"] != self.config.same_training():
             raise ValueError(
                 f"{self._state_file} belongs to a run with another configuration; "
                 "delete it or choose another run directory"
             )
-        self._unet.load_state_dict(state["unet"])
+        self._network.load_state_dict(state["network"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._average.load_state_dict(state["average"])
         self.progress = Progress(
             state["step"], state["loss_sum"], [LossRecord(*row) for row in state["history"]]
         )
         log.info("resumed at step %d", self.progress.step)
+
+
+def _data(config: TrainingConfig, device: torch.device) -> Data:
+    if isinstance(config.data, PlansConfig):
+        return PlanData(config, config.data, device)
+    return TransitionData(config, config.data, device)
 
 
 @contextmanager

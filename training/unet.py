@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from app.inference.checkpoint import GROUPS
-from training.config import NetworkConfig
+from training.config import UNetConfig
 
 
 def conv1d(in_channels: int, out_channels: int, kernel: int = 3, stride: int = 1) -> nn.Conv2d:
@@ -89,7 +89,7 @@ class UNet(nn.Module):
         condition_size: C, numbers of a condition.
     """
 
-    def __init__(self, config: NetworkConfig, condition_size: int) -> None:
+    def __init__(self, config: UNetConfig, condition_size: int) -> None:
         super().__init__()
         channels = config.channels
         widths = (channels, config.time_dimension, config.condition_dimension)

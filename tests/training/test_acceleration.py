@@ -8,7 +8,7 @@ import torch
 from llvmlite import binding
 
 from training.acceleration import CPU_FEATURES, MINIMUM_STEPS, accelerated
-from training.config import NetworkConfig
+from training.config import UNetConfig
 from training.unet import UNet
 
 CPU = torch.device("cpu")
@@ -17,7 +17,7 @@ CPU = torch.device("cpu")
 @pytest.fixture
 def unet() -> UNet:
     torch.manual_seed(0)
-    return UNet(NetworkConfig(channels=16, time_dimension=16, condition_dimension=16), 4)
+    return UNet(UNetConfig(kind="unet", channels=16, time_dimension=16, condition_dimension=16), 4)
 
 
 @pytest.fixture

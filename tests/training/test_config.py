@@ -6,9 +6,17 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
-from training.config import DEFAULT_CONFIG, TrainingConfig
+from tests.training.conftest import PLANS
+from training.config import (
+    DEFAULT_CONFIG,
+    PlansConfig,
+    TrainingConfig,
+    TransitionsConfig,
+    UNetConfig,
+)
 
 
 @pytest.fixture
@@ -27,6 +35,8 @@ def test_the_default_configuration_is_that_of_the_paper() -> None:
         time_step=0.05,
         velocity_threshold=1e-3,
     )
+    assert isinstance(config.data, TransitionsConfig)
+    assert isinstance(config.network, UNetConfig)
     assert config.data.horizon == 64
     assert config.data.position_range == (-1.0, 1.0)
     assert config.data.velocity_range == (-0.5, 0.5)
@@ -38,6 +48,11 @@ def test_the_default_configuration_is_that_of_the_paper() -> None:
     assert config.optimisation.steps == 15_000
     assert config.optimisation.learning_rate == 2e-3
     assert config.optimisation.ema_decay == 0.995
+    assert config.optimisation.decay == "none"
+    assert config.optimisation.terminal_weight == 0.0
+    assert config.optimisation.max_gradient_norm is None
+    assert config.diffusion.predicts == "noise"
+    assert config.samplers == PAPER_MODEL_SAMPLERS
     assert config.network.channels == 64
     assert config.network.time_dimension == 64
     assert config.network.condition_dimension == 64
@@ -175,3 +190,37 @@ def test_the_models_of_table_3_differ_in_static_friction_alone() -> None:
         )
         assert config.system == replace(default.system, static_friction=static_friction)
         assert config.model_copy(update={"name": default.name, "system": default.system}) == default
+
+
+def test_a_section_of_another_kind_stands_for_itself(tmp_path: Path) -> None:
+    """What the default says of transitions means nothing for plans."""
+    config = TrainingConfig.read(DEFAULT_CONFIG.with_name("any-machine.toml"))
+
+    assert isinstance(config.data, PlansConfig)
+    assert config.data.experts.least_energy + config.data.experts.exact == 1.0
+    (tmp_path / "own.toml").write_text('name = "own"\n[network]\nkind = "mlp"\nwidth = 64\n')
+    with pytest.raises(ValidationError, match=r"network\.mlp\.blocks"):
+        TrainingConfig.read(tmp_path / "own.toml")
+
+
+def test_the_shares_of_experts_add_up_to_one(values: dict[str, Any]) -> None:
+    values["data"] = PLANS | {"experts": PLANS["experts"] | {"rollout": 0.6}}
+
+    with pytest.raises(ValidationError, match="add up to 1"):
+        TrainingConfig.model_validate(values)
+
+
+def test_the_terminal_loss_needs_plans(values: dict[str, Any]) -> None:
+    values["optimisation"]["terminal_weight"] = 1.0
+
+    with pytest.raises(ValidationError, match='terminal_weight is for data of the kind "plans"'):
+        TrainingConfig.model_validate(values)
+
+
+def test_the_learning_rate_falls_along_a_cosine(values: dict[str, Any]) -> None:
+    values["optimisation"] |= {"decay": "cosine", "steps": 100, "learning_rate": 1.0}
+    optimisation = TrainingConfig.model_validate(values).optimisation
+
+    assert optimisation.learning_rate_at(0) == 1.0
+    assert optimisation.learning_rate_at(50) == pytest.approx(0.51)
+    assert optimisation.learning_rate_at(99) == pytest.approx(0.02, abs=1e-3)

@@ -14,7 +14,7 @@ from app.inference.model_store import ModelStore
 from app.inference.row_threads import RowThreads
 from app.inference.torchscript import read_torchscript
 from app.inference.verification import find_versions
-from app.planning.plant.plant_range import PlantRange
+from app.planning.plant.coverage import Coverage
 from training.config import TrainingConfig
 from training.export import export, version_directory
 from training.trainer import Trainer
@@ -66,10 +66,13 @@ def test_the_manifest_tells_what_the_service_must_know(published: Path, trainer:
     checkpoint = (published / CHECKPOINT_FILE).read_bytes()
     assert manifest.sha256 == hashlib.sha256(checkpoint).hexdigest()
     assert (manifest.name, manifest.version, manifest.horizon) == ("tiny", 1, 16)
-    assert manifest.plants == PlantRange.only(trainer.config.system)
+    assert manifest.coverage == Coverage.only(trainer.config.system)
+    assert manifest.system == trainer.config.system
+    assert "Rollouts of random controls" in manifest.trained_on
+    assert manifest.predicts == "noise"
+    assert manifest.samplers == trainer.config.samplers
     assert manifest.format_version == 2
-    assert manifest.control_scale == 0.9
-    assert manifest.condition == trainer.conditioning
+    assert manifest.condition == trainer.data.conditioning
     np.testing.assert_array_equal(manifest.alphas_cumprod, trainer.alphas_cumprod)
     assert manifest.seeds == {"training": 3}
     assert manifest.losses.validation == trainer.progress.history[-1].validation
@@ -107,7 +110,7 @@ def test_the_service_loads_what_was_published_with_the_averaged_weights(
     with torch.inference_mode():
         torch.testing.assert_close(
             network.predict(u_t, t, network.embed(condition)[[0, 0, 1, 1]]),
-            trainer.averaged_unet(u_t.unsqueeze(1), t, condition.expand(4, -1), keep).squeeze(1),
+            trainer.averaged_network(u_t.unsqueeze(1), t, condition.expand(4, -1), keep).squeeze(1),
             rtol=0,
             atol=1e-5,
         )

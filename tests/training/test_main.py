@@ -9,6 +9,7 @@ import torch
 from app.inference.manifest import Manifest
 from app.inference.model_store import ModelStore
 from app.inference.row_threads import RowThreads
+from app.planning.plant.system import System
 
 CONFIG = """
 name = "tiny"
@@ -18,23 +19,28 @@ seed = 5
 static_friction = 0.8
 [prior]
 [data]
+kind = "transitions"
 horizon = 16
 training_samples = 64
 validation_samples = 32
 position_range = [-1.0, 1.0]
 velocity_range = [-0.5, 0.5]
 [network]
+kind = "unet"
 channels = 8
 time_dimension = 8
 condition_dimension = 8
 [diffusion]
 num_timesteps = 20
 drop_probability = 0.2
+predicts = "noise"
 [optimisation]
 steps = 6
 batch_size = 16
 learning_rate = 2e-3
+decay = "none"
 ema_decay = 0.9
+terminal_weight = 0.0
 validation_interval = 3
 """
 
@@ -65,7 +71,8 @@ def test_a_configuration_becomes_a_model_that_the_service_loads(tmp_path: Path) 
     log = (directory / "training.log").read_text()
     assert re.search(r"step 6/6 training loss \d\.\d+ validation loss \d\.\d+", log)
     manifest = Manifest.read(directory / "manifest.json")
-    assert manifest.plants.static_friction == (0.8, 0.8)
+    assert manifest.covers(System(static_friction=0.8), 16)
+    assert not manifest.covers(System(), 16)
     assert manifest.seeds == {"training": 5}
     (model,) = ModelStore.load(tmp_path / "store", torch.device("cpu"), RowThreads(1)).models
     assert model.label == "tiny/2"

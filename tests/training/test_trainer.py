@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from tests.training.conftest import ANY_MACHINE
 from training.config import TrainingConfig
 from training.trainer import LossRecord, Trainer, TrainingInterrupted
 
@@ -21,6 +22,7 @@ import os, signal, sys
 from pathlib import Path
 import torch
 from training import trainer
+from tests.training.conftest import ANY_MACHINE
 from training.config import TrainingConfig
 
 saves = 0
@@ -76,8 +78,8 @@ def train(config: TrainingConfig, directory: Path) -> Trainer:
 def assert_same_outcome(trainer: Trainer, expected: Trainer) -> None:
     assert trainer.progress.step == expected.progress.step
     assert trainer.progress.history == expected.progress.history
-    weights = trainer.averaged_unet.state_dict()
-    for name, tensor in expected.averaged_unet.state_dict().items():
+    weights = trainer.averaged_network.state_dict()
+    for name, tensor in expected.averaged_network.state_dict().items():
         assert torch.equal(weights[name], tensor), name
 
 
@@ -135,6 +137,22 @@ def test_a_run_that_was_killed_while_saving_goes_on_to_bit_identical_weights(
     assert_same_outcome(resumed, uninterrupted)
 
 
+@pytest.mark.parametrize("predicts", ["clean", "velocity"])
+def test_a_model_of_many_machines_learns_and_goes_on_where_it_was_stopped(
+    configure: Configure, tmp_path: Path, log: logging.Logger, predicts: str
+) -> None:
+    config = configure(**ANY_MACHINE | {"diffusion": {"predicts": predicts}})
+    uninterrupted = train(config, tmp_path / "whole")
+    trainer = Trainer(config, tmp_path / "parts", CPU)
+    log.addHandler(SignalAtRecord(signal.SIGTERM))
+    with pytest.raises(TrainingInterrupted, match="step 5"):
+        trainer.run()
+
+    assert_same_outcome(train(config, tmp_path / "parts"), uninterrupted)
+    history = uninterrupted.progress.history
+    assert history[-1].validation < history[0].validation
+
+
 def test_a_finished_run_is_found_finished(configure: Configure, tmp_path: Path) -> None:
     finished = train(configure(), tmp_path)
 
@@ -173,7 +191,7 @@ def test_the_seed_decides_the_outcome(
     other = train(configure(seed=1), tmp_path / "other")
     assert other.progress.history != uninterrupted.progress.history
     assert not torch.equal(
-        other.averaged_unet.input.weight, uninterrupted.averaged_unet.input.weight
+        other.averaged_network.input.weight, uninterrupted.averaged_network.input.weight
     )
 
 
@@ -198,7 +216,7 @@ def test_without_averaging_the_exported_weights_are_those_of_the_last_step(
         config = configure(
             optimisation={"ema_decay": decay, "steps": steps, "validation_interval": steps}
         )
-        return train(config, tmp_path / f"{decay}-{steps}").averaged_unet.input.weight
+        return train(config, tmp_path / f"{decay}-{steps}").averaged_network.input.weight
 
     moved = (weights(0.0, 12) - weights(0.0, 1)).abs().max()
     held = (weights(0.999, 12) - weights(0.999, 1)).abs().max()

@@ -7,16 +7,16 @@ from torch import Tensor, nn
 from app.inference.checkpoint import Widths, parameter_shapes
 from app.inference.device import CPU
 from app.inference.torchscript import read_torchscript, to_torchscript
-from training.config import NetworkConfig
+from training.config import UNetConfig
 from training.unet import UNet, conv1d
 
-PAPER = NetworkConfig(channels=64, time_dimension=64, condition_dimension=64)
-TINY = NetworkConfig(channels=8, time_dimension=16, condition_dimension=24)
+PAPER = UNetConfig(kind="unet", channels=64, time_dimension=64, condition_dimension=64)
+TINY = UNetConfig(kind="unet", channels=8, time_dimension=16, condition_dimension=24)
 
 Inputs = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
-def network(config: NetworkConfig = TINY) -> UNet:
+def network(config: UNetConfig = TINY) -> UNet:
     torch.manual_seed(0)
     return UNet(config, condition_size=4).eval()
 

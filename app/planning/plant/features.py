@@ -8,6 +8,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.plant.natural_units import in_natural_units, scales
+from app.planning.plant.probes import PROBES, probe_misses
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 
@@ -43,6 +44,20 @@ def _ratio(numerator: str, denominator: str) -> PlantFeature:
         return value
 
     return ratio
+
+
+def _position_miss(probe: str) -> TaskFeature:
+    """Return by how much of the reach a probe ends beyond the target."""
+    return lambda task, horizon: (
+        probe_misses(probe, task, horizon)[:, 0] / scales(task.plant, horizon).reach
+    )
+
+
+def _velocity_miss(probe: str) -> TaskFeature:
+    """Return by how much of the speed a probe ends faster than the target moves."""
+    return lambda task, horizon: (
+        probe_misses(probe, task, horizon)[:, 1] / scales(task.plant, horizon).speed
+    )
 
 
 def _log_threshold(plant: Plant, _: int) -> Value:
@@ -100,6 +115,8 @@ TASK_FEATURES: dict[str, TaskFeature] = {
     "target_velocity_over_speed": lambda task, horizon: (
         task.target_velocity / scales(task.plant, horizon).speed
     ),
+    **{f"{probe}_position_miss": _position_miss(probe) for probe in PROBES},
+    **{f"{probe}_velocity_miss": _velocity_miss(probe) for probe in PROBES},
 }
 """m and m/s, or shares of the plant's scales."""
 

@@ -7,8 +7,15 @@ import torch
 from app.inference.conditioning import Conditioning
 from app.inference.device import CPU
 from app.planning.plant.rollout import rollout
-from training.config import TrainingConfig
-from training.dataset import TrainingSet, Transitions, sample_transitions, state_conditioning
+from app.planning.plant.system import System
+from training.config import TrainingConfig, TransitionsConfig
+from training.transitions import (
+    TransitionData,
+    Transitions,
+    prepare,
+    sample_transitions,
+    state_conditioning,
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,9 +26,14 @@ def config(configure: Callable[..., TrainingConfig]) -> TrainingConfig:
     )
 
 
+def sample(config: TrainingConfig, size: int, seed: int) -> Transitions:
+    assert isinstance(config.data, TransitionsConfig)
+    return sample_transitions(config, config.data, size, np.random.default_rng(seed))
+
+
 @pytest.fixture(scope="module")
 def transitions(config: TrainingConfig) -> Transitions:
-    return sample_transitions(config, 2000, np.random.default_rng(0))
+    return sample(config, 2000, 0)
 
 
 def test_terminal_states_are_what_the_plant_reaches(
@@ -49,18 +61,16 @@ def test_controls_come_from_the_configured_prior_within_the_limit(
     configure: Callable[..., TrainingConfig],
 ) -> None:
     loud = configure(prior={"kick_probability": 1.0, "medium_probability": 0.0})
-    loud_controls = sample_transitions(loud, 500, np.random.default_rng(0)).controls
+    loud_controls = sample(loud, 500, 0).controls
     quiet = configure(prior={"kick_probability": 0.0, "medium_probability": 0.0})
-    quiet_controls = sample_transitions(quiet, 500, np.random.default_rng(0)).controls
+    quiet_controls = sample(quiet, 500, 0).controls
 
     assert np.max(np.abs(loud_controls)) == pytest.approx(0.9, rel=0.01)
     assert np.max(np.abs(quiet_controls)) <= 0.15 * 0.9
 
 
 def test_the_generator_decides_the_transitions(config: TrainingConfig) -> None:
-    first, again, other = (
-        sample_transitions(config, 20, np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
+    first, again, other = (sample(config, 20, seed) for seed in (1, 1, 2))
 
     np.testing.assert_array_equal(first.controls, again.controls)
     np.testing.assert_array_equal(first.terminal_states, again.terminal_states)
@@ -89,14 +99,16 @@ def test_the_network_sees_scaled_controls_and_start_then_end_standardised() -> N
     )
     conditioning = Conditioning.on_states([1.0, 0.0], [2.0, 4.0])
 
-    prepared = TrainingSet.prepare(transitions, conditioning, 0.9, CPU)
+    prepared = prepare(transitions, conditioning, System(), CPU)
 
     torch.testing.assert_close(prepared.controls, torch.tensor([[[1.0, -1.0, 0.5]]]))
     torch.testing.assert_close(prepared.conditions, torch.tensor([[0.0, 0.5, 2.0, -0.5]]))
 
 
-def test_a_prepared_set_is_standard_and_bounded(transitions: Transitions) -> None:
-    prepared = TrainingSet.prepare(transitions, state_conditioning(transitions), 1.5, CPU)
+def test_a_prepared_set_is_standard_and_bounded(
+    config: TrainingConfig, transitions: Transitions
+) -> None:
+    prepared = prepare(transitions, state_conditioning(transitions), config.system, CPU)
 
     assert prepared.controls.shape == (2000, 1, 16)
     assert prepared.controls.dtype == prepared.conditions.dtype == torch.float32
@@ -104,3 +116,18 @@ def test_a_prepared_set_is_standard_and_bounded(transitions: Transitions) -> Non
     states = prepared.conditions.reshape(-1, 2)
     torch.testing.assert_close(states.mean(dim=0), torch.zeros(2), rtol=0, atol=1e-5)
     torch.testing.assert_close(states.std(dim=0, correction=0), torch.ones(2), rtol=0, atol=1e-4)
+
+
+def test_an_epoch_takes_every_row_once_and_the_next_one_in_another_order(
+    config: TrainingConfig,
+) -> None:
+    assert isinstance(config.data, TransitionsConfig)
+    data = TransitionData(config, config.data, CPU)
+
+    # 100 samples make three batches of 32.
+    epochs = [torch.cat([data.batch(3 * epoch + i).controls for i in range(3)]) for epoch in (0, 1)]
+
+    for epoch in epochs:
+        assert len(torch.unique(epoch, dim=0)) == 96
+    assert not torch.equal(*epochs)
+    assert torch.equal(data.batch(4).controls, epochs[1][32:64])

@@ -1,0 +1,136 @@
+"""The plans that a model of every machine learns from, each with its task."""
+
+import math
+from dataclasses import replace
+from typing import Annotated, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from app.planning.arrays import FloatArray
+from app.planning.methods.dataset_prior import DatasetPrior
+from app.planning.objectives import CONTROL_ENERGY, TERMINAL_ERROR
+from app.planning.planner import plan
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import ByDirection, System
+from app.planning.prior import ControlPrior
+from app.planning.problem import Problem
+from app.planning.recipe import Recipe
+from app.planning.refining.refinement import Refinement, refine
+from training.machines import RandomMachines
+from training.section import Section, Share
+from training.tasks import Tasks
+
+Kind: TypeAlias = Literal["rollout", "exact", "least_energy", "margin"]
+
+
+KIND_NAMES: dict[Kind, str] = {
+    "rollout": "rollouts of random controls",
+    "exact": "exact plans",
+    "least_energy": "exact plans of least energy",
+    "margin": "exact plans of least energy with a margin of static friction",
+}
+
+
+class Experts(Section):
+    """What the plans are, by shares that add up to 1."""
+
+    rollout: Share
+    """Draws of the prior, for the targets that they happen to reach (the paper's data)."""
+    exact: Share
+    """Plans that end as near to the target as the machine can."""
+    least_energy: Share
+    """The same with the least energy that descent finds."""
+    margin: Share
+    """The same, planned with more static friction than there is and brought to the target after."""
+    static_margin: Annotated[float, Field(ge=0)]
+    """How much more, as a share."""
+    num_candidates: Annotated[int, Field(ge=1)]
+    """Draws of the prior from which each plan descends; the best is kept."""
+
+    @model_validator(mode="after")
+    def _shares_add_up(self) -> "Experts":
+        if not math.isclose(sum(self.shares.values()), 1.0):
+            raise ValueError(
+                "the shares of rollout, exact, least_energy and margin must add up to 1"
+            )
+        return self
+
+    @property
+    def shares(self) -> dict[Kind, float]:
+        """Of each kind."""
+        return {
+            "rollout": self.rollout,
+            "exact": self.exact,
+            "least_energy": self.least_energy,
+            "margin": self.margin,
+        }
+
+    def __str__(self) -> str:
+        """Write the kinds and their shares."""
+        return ", ".join(
+            f"{share:.0%} {KIND_NAMES[kind]}" for kind, share in self.shares.items() if share
+        )
+
+
+class Plans(NamedTuple):
+    """N plans and their tasks."""
+
+    controls: FloatArray
+    """(N, H)."""
+    tasks: Tasks
+
+    def with_mirror_images(self) -> "Plans":
+        """Return them, and after them what a mirror makes of each: 2 N."""
+        return Plans(
+            np.concatenate([self.controls, -self.controls]),
+            self.tasks.followed_by(self.tasks.mirrored()),
+        )
+
+
+def draw_plans(
+    machines: RandomMachines,
+    experts: Experts,
+    prior: ControlPrior,
+    num_plans: int,
+    horizon: int,
+    rng: np.random.Generator,
+) -> Plans:
+    """Draw machines and tasks, and make a plan for each of N; the same for the same `rng`."""
+    tasks = machines.sample(num_plans, horizon, rng)
+    kinds = rng.choice(list(experts.shares), num_plans, p=list(experts.shares.values()))
+    proposals = DatasetPrior(prior=prior)
+    controls, targets = np.empty((num_plans, horizon)), tasks.states[:, 2:].copy()
+    for i, kind in enumerate(kinds):
+        problem = tasks.problem(i, horizon)
+        controls[i] = _plan(kind, problem, experts, proposals, rng)
+        if kind == "rollout":
+            targets[i] = rollout(problem.system, problem.initial_state, controls[i : i + 1])[0, -1]
+    return Plans(controls, tasks.with_targets(targets))
+
+
+def _plan(
+    kind: Kind,
+    problem: Problem,
+    experts: Experts,
+    proposals: DatasetPrior,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return a plan (H,) of some kind for a problem."""
+    if kind == "rollout":
+        return np.asarray(proposals.propose(problem, 1, rng).controls[0])
+    objective = TERMINAL_ERROR if kind == "exact" else CONTROL_ENERGY
+    recipe = Recipe(proposals, experts.num_candidates, Refinement(), objective)
+    if kind != "margin":
+        return plan(problem, recipe, rng).controls
+    harder = replace(problem, system=_stickier(problem.system, experts.static_margin))
+    controls = plan(harder, recipe, rng).controls
+    return np.asarray(refine(problem, controls[np.newaxis], Refinement()).controls[0])
+
+
+def _stickier(system: System, margin: float) -> System:
+    """Return the system with that share more static friction."""
+    static = system.static_friction
+    assert isinstance(static, ByDirection)
+    more = ByDirection((1 + margin) * static.forward, (1 + margin) * static.backward)
+    return replace(system, static_friction=more)

@@ -1,0 +1,122 @@
+"""Plans for random machines as training data: fresh ones for as long as the network trains."""
+
+import logging
+import os
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from app.inference.conditioning import Conditioning
+from app.planning.plant.features import feature_values
+from training.batch import Batch
+from training.config import PlansConfig, TrainingConfig
+from training.experts import Plans, draw_plans
+from training.machines import CONDITION
+from training.streams import Stream, generator
+from training.tasks import Tasks
+
+AHEAD = 2
+"""Chunks that are made before they are wanted."""
+
+log = logging.getLogger("training")
+
+
+class PlanData:
+    """The latest chunks of plans, and their mirror images.
+
+    The pool is a ring: a new chunk takes the place of the oldest after every `steps_per_chunk`
+    steps. The chunks are made in threads beside the training, by kernels that hold no lock.
+
+    Args:
+        config: of the training.
+        data: its section `data`.
+        device: where the tensors are.
+    """
+
+    def __init__(self, config: TrainingConfig, data: PlansConfig, device: torch.device) -> None:
+        self._config, self._data, self._device = config, data, device
+        held_out = self._draw(Stream.VALIDATION_DATA, 0, data.validation_samples)
+        values = feature_values(CONDITION, held_out.tasks.columns, data.horizon)
+        self.conditioning = Conditioning(
+            features=CONDITION,
+            mean=tuple(values.mean(axis=0).tolist()),
+            std=tuple(values.std(axis=0).tolist()),
+        )
+        self.coverage = data.machines.coverage
+        self.description = f"Plans for random machines and tasks: {data.experts}."
+        self.validation = self._prepare(held_out)
+        self._threads = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="plans")
+        self._chunks: dict[int, Future[Batch]] = {}
+        self._pool: Batch | None = None
+        self._last = -1
+        """The latest chunk that is in the pool."""
+
+    def batch(self, step: int) -> Batch:
+        """Draw a batch from the chunks that belong to the step."""
+        data = self._data
+        last = data.chunks_in_pool - 1 + step // data.steps_per_chunk
+        if last != self._last:
+            self._fill(last)
+        assert self._pool is not None
+        rng = generator(self._config.seed, Stream.SHUFFLE, step)
+        size = self._config.optimisation.batch_size
+        return self._pool.rows(rng.integers(len(self._pool), size=size))
+
+    def close(self) -> None:
+        """Stop making chunks; those under way are finished."""
+        self._threads.shutdown(cancel_futures=True)
+
+    def _fill(self, last: int) -> None:
+        """Bring the pool to the chunks up to `last`."""
+        size = self._data.chunks_in_pool
+        missing = range(max(self._last + 1, last + 1 - size), last + 1)
+        for index in range(missing.start, last + 1 + AHEAD):
+            if index not in self._chunks:
+                self._chunks[index] = self._threads.submit(self._chunk, index)
+        if len(missing) > 1:
+            log.info("making %d plans", len(missing) * self._data.plans_at_once)
+        hidden = True if len(missing) == 1 else None
+        for index in tqdm(missing, unit="chunk", disable=hidden):
+            self._put(self._chunks.pop(index).result(), index % size)
+        self._last = last
+
+    def _put(self, chunk: Batch, slot: int) -> None:
+        if self._pool is None:
+            self._pool = _repeated(chunk, self._data.chunks_in_pool)
+        rows = slice(slot * len(chunk), (slot + 1) * len(chunk))
+        part = self._pool.rows(rows)
+        part.controls[:], part.conditions[:] = chunk.controls, chunk.conditions
+        if part.tasks and chunk.tasks:
+            part.tasks.states[:], part.tasks.plants[:] = chunk.tasks.states, chunk.tasks.plants
+
+    def _chunk(self, index: int) -> Batch:
+        return self._prepare(self._draw(Stream.TRAINING_DATA, index, self._data.plans_at_once))
+
+    def _draw(self, stream: Stream, index: int, size: int) -> Plans:
+        """Draw so many plans, and their mirror images."""
+        rng = generator(self._config.seed, stream, index)
+        data = self._data
+        prior, horizon = self._config.prior, data.horizon
+        return draw_plans(
+            data.machines, data.experts, prior, size, horizon, rng
+        ).with_mirror_images()
+
+    def _prepare(self, plans: Plans) -> Batch:
+        conditions = self.conditioning.encode_tasks(plans.tasks.columns, self._data.horizon)
+        return Batch(
+            torch.tensor(plans.controls[:, None], dtype=torch.float32, device=self._device),
+            torch.from_numpy(conditions).to(self._device),
+            plans.tasks,
+        )
+
+
+def _repeated(chunk: Batch, times: int) -> Batch:
+    """Return room for so many chunks like this one."""
+    tasks = chunk.tasks
+    return Batch(
+        chunk.controls.repeat(times, 1, 1),
+        chunk.conditions.repeat(times, 1),
+        tasks and Tasks(np.tile(tasks.states, (times, 1)), np.tile(tasks.plants, (times, 1))),
+    )

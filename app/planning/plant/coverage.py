@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from typing import Self, TypeAlias
 
 from app.planning.options import Options
-from app.planning.plant.features import CHANGES, PLANT_FEATURES, TASK_FEATURES
+from app.planning.plant.features import (
+    CHANGES,
+    PLANT_FEATURES,
+    TASK_FEATURES,
+    PlantFacts,
+    TaskFacts,
+)
 from app.planning.plant.system import System
 from app.planning.plant.task import Task
 
@@ -48,9 +54,9 @@ class Coverage(Options):
 
     def covers(self, system: System, horizon: int) -> bool:
         """Say whether a plant is covered; some of its features are by the horizon H."""
-        plant = system.plant
+        facts = PlantFacts(system.plant, horizon)
         return all(
-            low <= PLANT_FEATURES[name](plant, horizon) <= high
+            low <= PLANT_FEATURES[name](facts) <= high
             for name, (low, high) in self.ranges.items()
             if name in PLANT_FEATURES
         )
@@ -59,7 +65,7 @@ class Coverage(Options):
         """Return a task that goes no further than the ranges: where one does, to their end."""
         for name, (low, high) in self.ranges.items():
             if name in TASK_FEATURES:
-                value = TASK_FEATURES[name](task, horizon)
+                value = TASK_FEATURES[name](TaskFacts(task, horizon))
                 if not low <= value <= high:
                     task = CHANGES[name](task, horizon, low if value < low else high)
         return task

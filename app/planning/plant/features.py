@@ -1,73 +1,125 @@
 """Numbers of a plant or a task, by name: what learned models are told, and what they cover."""
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from operator import attrgetter
 from typing import TypeAlias
 
 import numpy as np
 
 from app.planning.arrays import FloatArray
-from app.planning.plant.natural_units import in_natural_units, scales
+from app.planning.plant.natural_units import (
+    Scales,
+    in_natural_units,
+    natural_units,
+    scales,
+    scales_of_natural,
+)
 from app.planning.plant.probes import PROBES, probe_misses
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 
 Value: TypeAlias = float | FloatArray
 """A number, or (N,) where the fields of the plant or the task are (N,)."""
-PlantFeature: TypeAlias = Callable[[Plant, int], Value]
-"""Of a plant and a horizon H."""
-TaskFeature: TypeAlias = Callable[[Task, int], Value]
-"""Of a task and a horizon H."""
 
 LEAST = 1e-12
 """m/s^2: no friction is counted as less, where something is divided by it."""
 
 
+class PlantFacts:
+    """What the features of a plant are made of, each worked out once.
+
+    Args:
+        plant: its fields are floats or (N,).
+        horizon: H.
+    """
+
+    def __init__(self, plant: Plant, horizon: int) -> None:
+        self.plant, self.horizon = plant, horizon
+
+    @cached_property
+    def natural(self) -> Plant:
+        """The plant in its natural units."""
+        return in_natural_units(self.plant)
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Reach and speed, in its own units."""
+        return scales_of_natural(self.natural, natural_units(self.plant), self.horizon)
+
+
+class TaskFacts(PlantFacts):
+    """What the features of a task and its plant are made of.
+
+    Args:
+        task: its fields, and its plant's, are floats or (N,).
+        horizon: H.
+    """
+
+    def __init__(self, task: Task, horizon: int) -> None:
+        super().__init__(task.plant, horizon)
+        self.task = task
+
+    @cached_property
+    def misses(self) -> FloatArray:
+        """By how much each probe misses the target, as shares of reach and speed, (N, 5, 2)."""
+        scales = np.column_stack([np.atleast_1d(scale) for scale in self.scales])
+        misses: FloatArray = probe_misses(self.task, self.horizon) / scales[:, np.newaxis]
+        return misses
+
+
+PlantFeature: TypeAlias = Callable[[PlantFacts], Value]
+TaskFeature: TypeAlias = Callable[[TaskFacts], Value]
+
+
 def _natural(field: str) -> PlantFeature:
     """Return the feature that is a field of the plant in its natural units."""
     get = attrgetter(field)
-    return lambda plant, _: get(in_natural_units(plant))
+    return lambda facts: get(facts.natural)
 
 
 def _own(field: str) -> PlantFeature:
     """Return the feature that is a field of the plant."""
     get = attrgetter(field)
-    return lambda plant, _: get(plant)
+    return lambda facts: get(facts.plant)
 
 
 def _ratio(numerator: str, denominator: str) -> PlantFeature:
     """Return the feature that is one field over another; 0 where there is nothing of both."""
     above, below = attrgetter(numerator), attrgetter(denominator)
 
-    def ratio(plant: Plant, _: int) -> Value:
-        value: Value = above(plant) / np.maximum(below(plant), LEAST)
+    def ratio(facts: PlantFacts) -> Value:
+        value: Value = above(facts.plant) / np.maximum(below(facts.plant), LEAST)
         return value
 
     return ratio
 
 
-def _position_miss(probe: str) -> TaskFeature:
-    """Return by how much of the reach a probe ends beyond the target."""
-    return lambda task, horizon: (
-        probe_misses(probe, task, horizon)[:, 0] / scales(task.plant, horizon).reach
-    )
+def _damping(way: str) -> PlantFeature:
+    """Return the share of its velocity that damping would take in H steps at its first rate."""
+    get = attrgetter(f"damping_{way}")
+    return lambda facts: get(facts.natural) * facts.horizon
 
 
-def _velocity_miss(probe: str) -> TaskFeature:
-    """Return by how much of the speed a probe ends faster than the target moves."""
-    return lambda task, horizon: (
-        probe_misses(probe, task, horizon)[:, 1] / scales(task.plant, horizon).speed
-    )
+def _root_damping(way: str) -> PlantFeature:
+    """Return the square root of the same: most machines have little."""
+    damping = _damping(way)
+    return lambda facts: np.sqrt(damping(facts))
 
 
-def _log_threshold(plant: Plant, _: int) -> Value:
-    threshold: Value = np.log(in_natural_units(plant).velocity_threshold)
+def _log_threshold(facts: PlantFacts) -> Value:
+    threshold: Value = np.log(facts.natural.velocity_threshold)
     return threshold
 
 
-def _stribeck_share(plant: Plant, _: int) -> Value:
-    speed = in_natural_units(plant).stribeck_velocity
+def _stribeck_share(facts: PlantFacts) -> Value:
+    speed = facts.natural.stribeck_velocity
     return speed / (1.0 + speed)
+
+
+def _miss(probe: int, of: int) -> TaskFeature:
+    """Return by how much of the reach (0) or speed (1) a probe ends beyond the target."""
+    return lambda facts: facts.misses[:, probe, of]
 
 
 PLANT_FEATURES: dict[str, PlantFeature] = {
@@ -79,18 +131,10 @@ PLANT_FEATURES: dict[str, PlantFeature] = {
     "coulomb_backward_over_limit": _natural("coulomb_backward"),
     "coulomb_over_static_forward": _ratio("coulomb_forward", "static_forward"),
     "coulomb_over_static_backward": _ratio("coulomb_backward", "static_backward"),
-    "damping_forward_times_horizon": lambda plant, horizon: (
-        plant.damping_forward * plant.time_step * horizon
-    ),
-    "damping_backward_times_horizon": lambda plant, horizon: (
-        plant.damping_backward * plant.time_step * horizon
-    ),
-    "root_damping_forward": lambda plant, horizon: np.sqrt(
-        plant.damping_forward * plant.time_step * horizon
-    ),
-    "root_damping_backward": lambda plant, horizon: np.sqrt(
-        plant.damping_backward * plant.time_step * horizon
-    ),
+    "damping_forward_times_horizon": _damping("forward"),
+    "damping_backward_times_horizon": _damping("backward"),
+    "root_damping_forward": _root_damping("forward"),
+    "root_damping_backward": _root_damping("backward"),
     "bias_over_limit": _natural("bias"),
     "velocity_threshold_over_step": _natural("velocity_threshold"),
     "log_velocity_threshold": _log_threshold,
@@ -102,21 +146,20 @@ mass, where the middle of the control range counts as bias; `_over_step` of the 
 adds in a step."""
 
 TASK_FEATURES: dict[str, TaskFeature] = {
-    "initial_position": lambda task, _: task.position,
-    "initial_velocity": lambda task, _: task.velocity,
-    "target_position": lambda task, _: task.target_position,
-    "target_velocity": lambda task, _: task.target_velocity,
-    "displacement_over_reach": lambda task, horizon: (
-        (task.target_position - task.position) / scales(task.plant, horizon).reach
+    "initial_position": lambda facts: facts.task.position,
+    "initial_velocity": lambda facts: facts.task.velocity,
+    "target_position": lambda facts: facts.task.target_position,
+    "target_velocity": lambda facts: facts.task.target_velocity,
+    "displacement_over_reach": lambda facts: (
+        (facts.task.target_position - facts.task.position) / facts.scales.reach
     ),
-    "initial_velocity_over_speed": lambda task, horizon: (
-        task.velocity / scales(task.plant, horizon).speed
-    ),
-    "target_velocity_over_speed": lambda task, horizon: (
-        task.target_velocity / scales(task.plant, horizon).speed
-    ),
-    **{f"{probe}_position_miss": _position_miss(probe) for probe in PROBES},
-    **{f"{probe}_velocity_miss": _velocity_miss(probe) for probe in PROBES},
+    "initial_velocity_over_speed": lambda facts: facts.task.velocity / facts.scales.speed,
+    "target_velocity_over_speed": lambda facts: facts.task.target_velocity / facts.scales.speed,
+    **{
+        f"{probe}_{of}_miss": _miss(i, j)
+        for i, probe in enumerate(PROBES)
+        for j, of in enumerate(("position", "velocity"))
+    },
 }
 """m and m/s, or shares of the plant's scales."""
 
@@ -146,13 +189,13 @@ def feature_values(names: Sequence[str], task: Task, horizon: int) -> FloatArray
         task: the fields of it and of its plant are floats or (N,).
         horizon: H.
     """
-    fields = (*task[:-1], *task.plant)
-    (num_tasks,) = np.broadcast_shapes((1,), *(np.shape(field) for field in fields))
-    values = np.empty((num_tasks, len(names)))
-    for column, name in zip(values.T, names, strict=True):
-        column[:] = (
-            TASK_FEATURES[name](task, horizon)
-            if name in TASK_FEATURES
-            else PLANT_FEATURES[name](task.plant, horizon)
-        )
+    facts = TaskFacts(task, horizon)
+    columns = (
+        TASK_FEATURES[name](facts) if name in TASK_FEATURES else PLANT_FEATURES[name](facts)
+        for name in names
+    )
+    fields = (np.shape(field) for field in (*task[:-1], *task.plant))
+    values = np.empty((*np.broadcast_shapes((1,), *fields), len(names)))
+    for column, value in zip(values.T, columns, strict=True):
+        column[:] = value
     return values

@@ -74,21 +74,29 @@ class Scales(NamedTuple):
 
 
 def scales(plant: Plant, horizon: int) -> Scales:
-    """Return the scales of a plant and horizon H; of arrays (N,) where the plant's fields are.
+    """Return the scales of a plant and horizon H; of arrays (N,) where the plant's fields are."""
+    return scales_of_natural(in_natural_units(plant), natural_units(plant), horizon)
+
+
+def scales_of_natural(natural: Plant, units: NaturalUnits, horizon: int) -> Scales:
+    """Return the same of a plant in natural units, and those units.
 
     In natural units full control accelerates the mass by a = 1 + bias - f_c, forward, and brakes it
     by 2 - a. Without damping it rests again after H steps and (H^2/2) a (2 - a)/2, and was moving
     with a H (2 - a)/2. Damping b divides both by about 1 + b H/4.
     """
-    natural, units = in_natural_units(plant), natural_units(plant)
-    reach, speed = 0.0, 0.0
-    for push, damping in (
-        (natural.bias - natural.coulomb_forward, natural.damping_forward),
-        (-natural.bias - natural.coulomb_backward, natural.damping_backward),
-    ):
-        accelerating = np.clip(1.0 + push, SLOWEST, 2.0 - SLOWEST)
-        braking = 2.0 - accelerating
-        damped = 1.0 + 0.25 * damping * horizon
-        fastest = 0.5 * accelerating * braking * horizon / damped
-        speed, reach = np.maximum(speed, fastest), np.maximum(reach, 0.5 * fastest * horizon)
-    return Scales(units.position * reach, units.velocity * speed)
+    forward, backward = (
+        0.5 * push * (2.0 - push) * horizon / (1.0 + 0.25 * damping * horizon)
+        for push, damping in (
+            (_full_push(natural.bias - natural.coulomb_forward), natural.damping_forward),
+            (_full_push(-natural.bias - natural.coulomb_backward), natural.damping_backward),
+        )
+    )
+    fastest: float = np.maximum(forward, backward)
+    return Scales(units.position * (0.5 * fastest * horizon), units.velocity * fastest)
+
+
+def _full_push(helping: float) -> float:
+    """Return what full control makes of the mass beside what helps it."""
+    push: float = np.minimum(np.maximum(1.0 + helping, SLOWEST), 2.0 - SLOWEST)
+    return push

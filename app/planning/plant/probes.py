@@ -8,7 +8,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.plant.natural_units import natural_units
-from app.planning.plant.rollout import terminal_state
+from app.planning.plant.rollout import rollout_on
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 
@@ -28,24 +28,19 @@ def probe_controls(name: str, horizon: int) -> FloatArray:
     return np.where(np.arange(horizon) < horizon // 2, first, second)
 
 
-def probe_misses(name: str, task: Task, horizon: int) -> FloatArray:
-    """Return where a probe ends less where it should, (N, 2) in m and m/s.
+def probe_misses(task: Task, horizon: int) -> FloatArray:
+    """Return where the probes end less where they should, (N, 5, 2) in m and m/s.
 
     Args:
-        name: of `PROBES`.
         task: the fields of it and of its plant are floats or (N,).
         horizon: H.
     """
-    controls = probe_controls(name, horizon)
-    rows = np.column_stack(
-        np.broadcast_arrays(*(np.atleast_1d(x) for x in (*task[:4], *task.plant)))
-    )
-    misses = np.empty((len(rows), 2))
+    probes = np.stack([probe_controls(name, horizon) for name in PROBES])
+    fields = (np.atleast_1d(field) for field in (*task[:-1], *task.plant))
+    rows = np.column_stack(np.broadcast_arrays(*fields))
+    misses = np.empty((len(rows), len(PROBES), 2))
     for row, miss in zip(rows.tolist(), misses, strict=True):
-        position, velocity, target_position, target_velocity, *fields = row
-        plant = Plant(*fields)
-        units = natural_units(plant)
-        own = units.middle + units.control * controls
-        end_position, end_velocity = terminal_state(own, position, velocity, plant)
-        miss[:] = end_position - target_position, end_velocity - target_velocity
+        plant, units = Plant(*row[4:]), natural_units(Plant(*row[4:]))
+        states = rollout_on(plant, np.array(row[:2]), units.middle + units.control * probes)
+        np.subtract(states[:, -1], row[2:4], out=miss)
     return misses

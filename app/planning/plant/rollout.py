@@ -44,11 +44,16 @@ def rollout(system: System, initial_states: FloatArray, controls: FloatArray) ->
     Returns:
         States (K, H+1, 2), the initial ones first.
     """
+    return rollout_on(system.plant, initial_states, controls)
+
+
+def rollout_on(plant: Plant, initial_states: FloatArray, controls: FloatArray) -> FloatArray:
+    """Do what `rollout` does, on a plant as the kernels take it."""
     starts = np.broadcast_to(initial_states, (len(controls), 2))
     return _rollout(
         np.ascontiguousarray(controls, dtype=np.float64),
         np.ascontiguousarray(starts, dtype=np.float64),
-        system.plant,
+        plant,
     )
 
 

@@ -6,7 +6,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from app.planning.plant.coverage import Coverage
-from app.planning.plant.features import CHANGES, TASK_FEATURES, feature_values
+from app.planning.plant.features import CHANGES, TASK_FEATURES, TaskFacts, feature_values
 from app.planning.plant.machines import MACHINES, Machine
 from app.planning.plant.natural_units import scales
 from app.planning.plant.system import ByDirection, ControlLimits, System
@@ -120,7 +120,7 @@ def test_every_feature_of_a_task_that_may_have_a_range_is_kept_within_it(name: s
     for sign, end in ((1, 0.5), (-1, 0.25)):
         task = Task(100 * sign, 200 * sign, 400 * sign, 300 * sign, System().plant)
         nearest = coverage.nearest(task, 64)
-        assert TASK_FEATURES[name](nearest, 64) == pytest.approx(end)
+        assert TASK_FEATURES[name](TaskFacts(nearest, 64)) == pytest.approx(end)
         assert sum(one != other for one, other in zip(task, nearest, strict=True)) == 1
 
 

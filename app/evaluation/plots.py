@@ -106,3 +106,24 @@ def with_legend(figure: Figure, caption: str, columns: int = 1) -> Picture:
     else:
         figure.legend(handles, labels, loc="outside upper center", ncols=columns)
     return Picture(caption, figure)
+
+
+def draw_shares(axes: Axes, case: Case, measure: str, largest: float, xlabel: str) -> None:
+    """Draw the share of a case's rows whose measure is at most e, over e up to `largest`."""
+    values = np.sort(case.values(measure)).clip(LEAST_ERROR)
+    axes.stairs(
+        np.arange(1, len(values) + 1) / len(values),
+        [*values, max(values[-1], largest)],
+        baseline=None,
+        color=case.entrant.look.color,
+        ls=case.entrant.look.ls,
+        label=case.entrant.label,
+    )
+    axes.set(
+        title=case.place,
+        xlabel=xlabel,
+        xscale="log",
+        xlim=(LEAST_ERROR, largest),
+        xticks=np.geomspace(LEAST_ERROR, largest, 4),
+        ylim=(0, 1.02),
+    )

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from app.planning.plant.rollout import rollout
-from app.planning.plant.system import System
+from app.planning.plant.system import ByDirection, System
 from app.planning.problem import DEFAULT_HORIZON
 
 Task: TypeAlias = Mapping[str, Any]
@@ -25,6 +25,9 @@ FARTHEST = 0.5
 """Targets of a machine lie within this share of its reach."""
 FASTEST = 0.3
 """Starts and targets of a machine move with up to this share of its speed."""
+
+HALF, STRIBECK = 0.5, 0.1
+"""Shares of random machines."""
 
 
 def one_task(**fields: Any) -> DrawTasks:
@@ -81,25 +84,68 @@ def machine_tasks(system: System) -> DrawTasks:
     +-0.3 of the machine's speed, m/s (or rad/s), displacements in +-0.5 of its reach, m (or rad).
     The shares are the same for all machines, whose tasks are thus alike.
     """
-    reach, speed = scale_of(system)
 
     def draw(num_tasks: int, seed: int) -> list[Task]:
-        tasks: list[Task] = []
-        for task in range(num_tasks):
-            rng = np.random.default_rng([seed, task])
-            displacement = reach * rng.uniform(-FARTHEST, FARTHEST)
-            start, target = (speed * rng.uniform(-FASTEST, FASTEST, 2)).tolist()
-            tasks.append(
-                {
-                    "system": system,
-                    "initial_state": (0.0, start if task % 2 else 0.0),
-                    # Of the first two of each eight one starts at rest and one moving.
-                    "target_state": (displacement, 0.0 if task % 8 // 2 else target),
-                }
-            )
-        return tasks
+        return [
+            _machine_task(system, task, np.random.default_rng([seed, task]))
+            for task in range(num_tasks)
+        ]
 
     return draw
+
+
+def random_machine_tasks(num_tasks: int, seed: int) -> list[Task]:
+    """Draw a machine for each task, and the task as `machine_tasks` does."""
+    tasks = []
+    for task in range(num_tasks):
+        rng = np.random.default_rng([seed, task])
+        tasks.append(_machine_task(random_machine(rng), task, rng))
+    return tasks
+
+
+def _machine_task(system: System, task: int, rng: np.random.Generator) -> Task:
+    reach, speed = scale_of(system)
+    displacement = reach * rng.uniform(-FARTHEST, FARTHEST)
+    start, target = (speed * rng.uniform(-FASTEST, FASTEST, 2)).tolist()
+    return {
+        "system": system,
+        "initial_state": (0.0, start if task % 2 else 0.0),
+        # Of the first two of each eight one starts at rest and one moving.
+        "target_state": (displacement, 0.0 if task % 8 // 2 else target),
+    }
+
+
+def random_machine(rng: np.random.Generator) -> System:
+    """Draw a machine out of all that there are, whose horizon lasts 1 to 5 s.
+
+    Static friction takes 2 to 90 % of what full control makes of the mass, Coulomb friction 30 to
+    100 % of that, the bias up to 20 % for every other machine. Every other one has other frictions
+    backward, of half to twice those forward, and one of ten has Stribeck's effect. Damping times
+    the horizon is up to 40, half of the machines less than 4. Gains, limits and units are any.
+    """
+    gain, limit = np.exp(rng.uniform(np.log([0.1, 0.5]), np.log([10.0, 20.0]))).tolist()
+    full, time_step = gain * limit, float(np.exp(rng.uniform(*np.log([0.016, 0.08]))))
+    ratios = np.exp(rng.uniform(-1, 1, 2) * np.log(2) * (rng.random() < HALF)).tolist()
+    static = float(rng.uniform(0.02 * max(1.0, 1 / ratios[0]), 0.9 * min(1.0, 1 / ratios[0])))
+    shares = rng.uniform(0.3, 1.0, 2).tolist() if max(ratios) > 1 else [rng.uniform(0.3, 1.0)] * 2
+    most = (40.0 if rng.random() < HALF else 4.0) / DEFAULT_HORIZON
+    damping = float(rng.uniform(0, most / max(1.0, ratios[1])))
+    step = full * time_step
+    return System(
+        static_friction=ByDirection(full * static, full * static * ratios[0]),
+        coulomb_friction=ByDirection(
+            full * static * shares[0], full * static * ratios[0] * shares[1]
+        ),
+        viscous_damping=ByDirection(damping / time_step, damping * ratios[1] / time_step),
+        stribeck_velocity=step * float(np.exp(rng.uniform(*np.log([0.1, 10.0]))))
+        if rng.random() < STRIBECK
+        else None,
+        bias=full * float(rng.uniform(-0.2, 0.2)) if rng.random() < HALF else 0.0,
+        control_gain=gain,
+        control_limit=limit,
+        time_step=time_step,
+        velocity_threshold=step * float(np.exp(rng.uniform(*np.log([0.003, 0.1])))),
+    )
 
 
 def request_seed(seed: int, task: int, run: int) -> int:

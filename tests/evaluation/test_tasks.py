@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from app.evaluation.tasks import (
     TARGETS_PER_SEQUENCE,
     machine_tasks,
+    random_machine_tasks,
     request_seed,
     scale_of,
     sequence_tasks,
@@ -15,6 +16,7 @@ from app.evaluation.tasks import (
 )
 from app.planning.plant.system import ControlLimits, System
 from app.wire.requests import MAX_SEED
+from training.machines import RandomMachines
 
 SEEDS = st.integers(0, 2**32)
 SIZES = st.integers(0, 20)
@@ -109,3 +111,20 @@ def test_seeds_of_requests_are_taken_by_the_service(seed: int, task: int, run: i
 def test_no_two_runs_of_any_task_have_the_same_seed() -> None:
     seeds = {request_seed(0, task, run) for task in range(100) for run in range(5)}
     assert len(seeds) == 500
+
+
+def test_random_machines_are_all_that_a_model_of_every_machine_covers() -> None:
+    systems = [task["system"] for task in random_machine_tasks(300, 1)]
+
+    assert all(RandomMachines().coverage.covers(system, 64) for system in systems)
+    assert 0.4 < np.mean([system.plant.bias != 0 for system in systems]) < 0.6
+    assert 0.05 < np.mean([system.stribeck_velocity is not None for system in systems]) < 0.16
+    shares = [
+        system.plant.static_forward / (system.plant.control_gain * system.plant.highest_control)
+        for system in systems
+    ]
+    assert min(shares) < 0.05
+    assert max(shares) > 0.85
+    first, again = random_machine_tasks(3, 1), random_machine_tasks(5, 1)
+    assert first == again[:3]
+    assert random_machine_tasks(3, 2) != first

@@ -1,6 +1,7 @@
 """The suites, a file each."""
 
 from app.evaluation.suite import Suite
+from app.evaluation.suites.any_machine import AnyMachine
 from app.evaluation.suites.error_compute import ErrorCompute
 from app.evaluation.suites.friction_sensitivity import FrictionSensitivity
 from app.evaluation.suites.learned_prior import LearnedPrior
@@ -24,6 +25,7 @@ SUITES: dict[str, type[Suite]] = {
         FrictionSensitivity,
         RandomTargets,
         RandomMachines,
+        AnyMachine,
         PlantSensitivity,
         LearnedPrior,
         SamplerFrontier,

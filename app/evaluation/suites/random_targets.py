@@ -2,7 +2,6 @@
 
 from itertools import product
 
-import numpy as np
 import pandas as pd
 
 from app.evaluation import grid, plots
@@ -72,23 +71,7 @@ class RandomTargets(Suite):
         panels = figure.subplots(1, len(self.size.budgets), sharey=True, squeeze=False)[0]
         # A panel for each K, and in it a line for each method: as the cases come.
         for axes, case in zip(panels.repeat(len(ENTRANTS)), cases, strict=True):
-            gaps = np.sort(case.values("gap")).clip(plots.LEAST_ERROR)
-            axes.stairs(
-                np.arange(1, len(gaps) + 1) / len(gaps),
-                [*gaps, max(gaps[-1], LARGEST_GAP)],
-                baseline=None,
-                color=case.entrant.look.color,
-                ls=case.entrant.look.ls,
-                label=case.entrant.label,
-            )
-            axes.set(
-                title=case.place,
-                xlabel="gap to the floor e (m)",
-                xscale="log",
-                xlim=(plots.LEAST_ERROR, LARGEST_GAP),
-                xticks=np.geomspace(plots.LEAST_ERROR, LARGEST_GAP, 4),
-                ylim=(0, 1.02),
-            )
+            plots.draw_shares(axes, case, "gap", LARGEST_GAP, "gap to the floor e (m)")
         panels[0].set_ylabel("share of tasks within e")
         return plots.with_legend(
             figure,

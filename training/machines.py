@@ -66,7 +66,9 @@ class RandomMachines(Section):
     """Of the machines that have Stribeck's effect."""
     displacement_over_reach: Annotated[float, Field(gt=0)] = 1.1
     """Targets lie up to so far, either way, from where the velocities carry the mass (`DRIFT`)."""
-    velocity_over_speed: Annotated[float, Field(ge=0)] = 1.1
+    near_targets: Share = 0.3
+    """Of the targets that lie nearer than that, by a share which is uniform, too."""
+    velocity_over_speed: Annotated[float, Field(ge=0)] = 0.75
     """Starts and targets that move do so with up to so much, either way."""
     moving_starts: Share = 0.5
     moving_targets: Share = 0.4
@@ -77,7 +79,9 @@ class RandomMachines(Section):
         reach, speed = scales(Plant(*plants.T), horizon)
         moving = rng.random((2, num_tasks)) < [[self.moving_starts], [self.moving_targets]]
         velocities = rng.uniform(-1, 1, (2, num_tasks)) * moving * self.velocity_over_speed * speed
-        displacement = rng.uniform(-1, 1, num_tasks) * self.displacement_over_reach * reach
+        nearer = np.where(rng.random(num_tasks) < self.near_targets, rng.random(num_tasks), 1.0)
+        displacement = nearer * rng.uniform(-1, 1, num_tasks)
+        displacement *= self.displacement_over_reach * reach
         displacement += DRIFT * reach * velocities.sum(axis=0) / speed
         start = np.zeros(num_tasks)
         return Tasks(np.column_stack([start, velocities[0], displacement, velocities[1]]), plants)

@@ -64,6 +64,10 @@ SLOWEST = 1e-3
 """Full control accelerates a mass that it hardly moves as if by so much, in natural units."""
 
 
+LEAST_DAMPING = 1e-9
+"""In natural units."""
+
+
 class Scales(NamedTuple):
     """How far and how fast full control takes a mass, about; in the plant's own units."""
 
@@ -82,21 +86,31 @@ def scales_of_natural(natural: Plant, units: NaturalUnits, horizon: int) -> Scal
     """Return the same of a plant in natural units, and those units.
 
     In natural units full control accelerates the mass by a = 1 + bias - f_c, forward, and brakes it
-    by 2 - a. Without damping it rests again after H steps and (H^2/2) a (2 - a)/2, and was moving
-    with a H (2 - a)/2. Damping b divides both by about 1 + b H/4.
+    by 2 - a: without damping it accelerates for the share (2 - a)/2 of the horizon, to the speed
+    a H (2 - a)/2, and comes to half of that times H. With damping b the speed nears a/b as
+    exp(-b t), and the reach nears all of it times H as the times to get there and to stop fall.
     """
     forward, backward = (
-        0.5 * push * (2.0 - push) * horizon / (1.0 + 0.25 * damping * horizon)
-        for push, damping in (
-            (_full_push(natural.bias - natural.coulomb_forward), natural.damping_forward),
-            (_full_push(-natural.bias - natural.coulomb_backward), natural.damping_backward),
+        (push / rate * -np.expm1(-rate * 0.5 * (2.0 - push) * horizon), rate)
+        for push, rate in (
+            (_full_push(natural.bias - natural.coulomb_forward), _rate(natural.damping_forward)),
+            (_full_push(-natural.bias - natural.coulomb_backward), _rate(natural.damping_backward)),
         )
     )
-    fastest: float = np.maximum(forward, backward)
-    return Scales(units.position * (0.5 * fastest * horizon), units.velocity * fastest)
+    speed, reach = 0.0, 0.0
+    for fastest, rate in (forward, backward):
+        speed = np.maximum(speed, fastest)
+        reach = np.maximum(reach, fastest * horizon * (1.0 - 0.5 / (1.0 + 0.25 * rate * horizon)))
+    return Scales(units.position * reach, units.velocity * speed)
 
 
 def _full_push(helping: float) -> float:
     """Return what full control makes of the mass beside what helps it."""
     push: float = np.minimum(np.maximum(1.0 + helping, SLOWEST), 2.0 - SLOWEST)
     return push
+
+
+def _rate(damping: float) -> float:
+    """Return a damping of which nothing as good as none is lost, to be divided by."""
+    rate: float = np.maximum(damping, LEAST_DAMPING)
+    return rate

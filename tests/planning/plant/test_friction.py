@@ -495,6 +495,9 @@ def test_the_edge_of_rest_is_found_where_a_bias_takes_the_digits(bias: float, ga
 
 @given(plants(), shares)
 def test_a_mass_that_can_rest_rests_with_the_least_control(plant: Plant, share: float) -> None:
+    resting = resting_controls(plant)
+    # Without static friction there may be no number that balances the bias to the last bit.
+    assume(resting.low <= resting.high)
     lowest, highest = plant.lowest_control, plant.highest_control
     holding = holding_control(plant)
     other = min(highest, lowest + share * (highest - lowest))

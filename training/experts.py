@@ -22,8 +22,6 @@ from training.section import Section, Share
 from training.tasks import Tasks
 
 Kind: TypeAlias = Literal["rollout", "exact", "least_energy", "margin"]
-
-
 KIND_NAMES: dict[Kind, str] = {
     "rollout": "rollouts of random controls",
     "exact": "exact plans",
@@ -59,12 +57,7 @@ class Experts(Section):
     @property
     def shares(self) -> dict[Kind, float]:
         """Of each kind."""
-        return {
-            "rollout": self.rollout,
-            "exact": self.exact,
-            "least_energy": self.least_energy,
-            "margin": self.margin,
-        }
+        return {kind: getattr(self, kind) for kind in KIND_NAMES}
 
     def __str__(self) -> str:
         """Write the kinds and their shares."""

@@ -153,15 +153,19 @@ class Trainer:
         match diffusion.predicts:
             case "noise":
                 target = noise
-                clean = (noisy - noise_share * predicted) / signal_share
             case "clean":
                 target = controls
-                clean = predicted
             case "velocity":
                 target = signal_share * noise - noise_share * controls
-                clean = signal_share * noisy - noise_share * predicted
         loss = nn.functional.mse_loss(predicted, target)
         if weight and batch.tasks:
+            match diffusion.predicts:
+                case "noise":
+                    clean = (noisy - noise_share * predicted) / signal_share
+                case "clean":
+                    clean = predicted
+                case "velocity":
+                    clean = signal_share * noisy - noise_share * predicted
             terminal: Tensor = TerminalLoss.apply(clean.squeeze(1), batch.tasks, keep)  # type: ignore[no-untyped-call]
             loss = loss + weight * terminal
         return loss

@@ -23,7 +23,7 @@ def print_models(manifests: Sequence[Manifest]) -> None:
     )
     for manifest in manifests:
         table.add_row(
-            _label(manifest),
+            manifest.label,
             str(manifest.horizon),
             manifest.predicts,
             f"{manifest.losses.validation:.4f}",
@@ -31,15 +31,11 @@ def print_models(manifests: Sequence[Manifest]) -> None:
         )
     console.print(table)
     for manifest in manifests:
-        console.print(f"{_label(manifest)}: plants with {manifest.coverage}.")
+        console.print(f"{manifest.label}: plants with {manifest.coverage}.")
         console.print(f"Trained on: {manifest.trained_on}")
         samplers = manifest.samplers
         defaults = (_sampler("dpm_solver", samplers.dpm_solver), _sampler("ddim", samplers.ddim))
         console.print(f"By default: {', '.join(defaults)}.\n")
-
-
-def _label(manifest: Manifest) -> str:
-    return f"{manifest.name}/{manifest.version}"
 
 
 def _sampler(name: str, settings: SamplerSettings) -> str:

@@ -188,7 +188,7 @@ def _load_models(
 
     def is_wanted(manifest: Manifest) -> bool:
         if request.model:
-            return request.model in (manifest.name, f"{manifest.name}/{manifest.version}")
+            return manifest.is_called(request.model)
         horizon = request.horizon or DEFAULT_HORIZON
         return manifest.covers(request.system or System(), horizon)
 

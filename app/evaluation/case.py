@@ -79,6 +79,12 @@ class Case:
         return replace(self, entrant=entrant)
 
 
+def taking_part(data: pd.DataFrame, entrants: Iterable[Entrant]) -> list[Entrant]:
+    """Return those of the entrants that have rows in a suite's data."""
+    present = set(data.entrant)
+    return [entrant for entrant in entrants if entrant.label in present]
+
+
 def cases_of(
     data: pd.DataFrame, entrants: Iterable[Entrant], **varied: Sequence[Any]
 ) -> list[Case]:

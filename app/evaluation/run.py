@@ -90,7 +90,7 @@ async def _complete(
     costs = {question.key: served.cost(question) for question in questions}
     about = {
         "began": datetime.now(UTC),
-        "models": {f"{model.name}/{model.version}": model.sha256 for model in models},
+        "models": {model.label: model.sha256 for model in models},
         "concurrency": concurrency,
     }
     log.begin(Session.model_validate(info.model_dump() | about))

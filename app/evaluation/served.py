@@ -46,7 +46,7 @@ class ServedModels:
         """Return the model that the service takes for a request."""
         for model in self.models:
             if request.model:
-                if request.model in (model.name, f"{model.name}/{model.version}"):
+                if request.model in (model.name, model.label):
                     return model
             elif model.covers(request.system or self.nominal, request.horizon or DEFAULT_HORIZON):
                 return model

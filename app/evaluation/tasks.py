@@ -124,7 +124,7 @@ def random_machine(rng: np.random.Generator) -> System:
     the horizon is up to 40, half of the machines less than 4. Gains, limits and units are any.
     """
     gain, limit = np.exp(rng.uniform(np.log([0.1, 0.5]), np.log([10.0, 20.0]))).tolist()
-    full, time_step = gain * limit, float(np.exp(rng.uniform(*np.log([0.016, 0.08]))))
+    full, time_step = gain * limit, _log_uniform(0.016, 0.08, rng)
     ratios = np.exp(rng.uniform(-1, 1, 2) * np.log(2) * (rng.random() < HALF)).tolist()
     static = float(rng.uniform(0.02 * max(1.0, 1 / ratios[0]), 0.9 * min(1.0, 1 / ratios[0])))
     shares = rng.uniform(0.3, 1.0, 2).tolist() if max(ratios) > 1 else [rng.uniform(0.3, 1.0)] * 2
@@ -137,15 +137,17 @@ def random_machine(rng: np.random.Generator) -> System:
             full * static * shares[0], full * static * ratios[0] * shares[1]
         ),
         viscous_damping=ByDirection(damping / time_step, damping * ratios[1] / time_step),
-        stribeck_velocity=step * float(np.exp(rng.uniform(*np.log([0.1, 10.0]))))
-        if rng.random() < STRIBECK
-        else None,
+        stribeck_velocity=step * _log_uniform(0.1, 10.0, rng) if rng.random() < STRIBECK else None,
         bias=full * float(rng.uniform(-0.2, 0.2)) if rng.random() < HALF else 0.0,
         control_gain=gain,
         control_limit=limit,
         time_step=time_step,
-        velocity_threshold=step * float(np.exp(rng.uniform(*np.log([0.003, 0.1])))),
+        velocity_threshold=step * _log_uniform(0.003, 0.1, rng),
     )
+
+
+def _log_uniform(low: float, high: float, rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(*np.log([low, high]))))
 
 
 def request_seed(seed: int, task: int, run: int) -> int:

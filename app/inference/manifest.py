@@ -95,6 +95,15 @@ class Manifest(_AnyManifest):
                 raise ValueError(f"samplers: {error}") from error
         return self
 
+    @property
+    def label(self) -> str:
+        """`name/version`, as requests name it."""
+        return f"{self.name}/{self.version}"
+
+    def is_called(self, reference: str) -> bool:
+        """Say whether a request that names `reference` may mean this model."""
+        return reference in (self.name, self.label)
+
     def covers(self, system: System, horizon: int) -> bool:
         """Say whether the model was trained for such a plant and horizon."""
         return self.horizon == horizon and self.coverage.covers(system, horizon)

@@ -30,7 +30,7 @@ class Model:
     @property
     def label(self) -> str:
         """`name/version`, as requests name it."""
-        return f"{self.manifest.name}/{self.manifest.version}"
+        return self.manifest.label
 
     @property
     def coverage(self) -> str:
@@ -77,9 +77,7 @@ def load_model(
             else _pace_of_one_like(network, num_parameters, horizon, serving)
         )
     except RuntimeError as error:
-        raise ModelRejected(
-            f"{manifest.name}/{manifest.version}: the checkpoint does not run: {error}"
-        ) from error
+        raise ModelRejected(f"{manifest.label}: the checkpoint does not run: {error}") from error
     return Model(manifest, network, num_parameters, device, pace)
 
 

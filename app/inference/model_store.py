@@ -89,7 +89,7 @@ class ModelStore:
             UnknownModel: there is none.
         """
         for model in self.models:
-            if reference in (model.manifest.name, model.label):
+            if model.manifest.is_called(reference):
                 return model
         raise UnknownModel(f"no model {reference!r}; there are: {self._labels()}")
 

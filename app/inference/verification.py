@@ -68,7 +68,7 @@ def verify(directory: Path) -> tuple[Manifest, bytes]:
     except (OSError, ValidationError) as error:
         raise ModelRejected(f"{directory}: {error}") from error
     if (manifest.name, str(manifest.version)) != (directory.parent.name, directory.name):
-        raise ModelRejected(f"{directory}: the manifest is of {manifest.name}/{manifest.version}")
+        raise ModelRejected(f"{directory}: the manifest is of {manifest.label}")
     digest = hashlib.sha256(checkpoint).hexdigest()
     if digest != manifest.sha256:
         raise ModelRejected(

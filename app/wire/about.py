@@ -35,6 +35,11 @@ class ModelDescription(WireModel):
     diffusion_timesteps: int
     validation_loss: float = Field(description="Mean-squared error of what the network predicts.")
 
+    @property
+    def label(self) -> str:
+        """`name/version`, as requests name it."""
+        return f"{self.name}/{self.version}"
+
     def covers(self, system: System, horizon: int) -> bool:
         """Say whether the model was trained for such a plant and horizon."""
         return self.horizon == horizon and self.coverage.covers(system, horizon)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from app.evaluation import grid, plots
 from app.evaluation.answer_log import Answer
-from app.evaluation.case import Case, cases_of
+from app.evaluation.case import Case, cases_of, taking_part
 from app.evaluation.entrants import CEM, DATASET_PRIOR, DIFFUSION, MPPI
 from app.evaluation.question import Question
 from app.evaluation.suite import Claim, Parts, Picture, Row, Size, Suite
@@ -55,7 +55,7 @@ class AnyMachine(Suite):
         ]
 
     def report(self, data: pd.DataFrame) -> Parts:
-        present = [each for each in self.size.entrants if each.label in set(data.entrant)]
+        present = taking_part(data, self.size.entrants)
         cases = cases_of(data, present, num_candidates=self.size.budgets)
         tasks = data.drop_duplicates("task")
         yield (

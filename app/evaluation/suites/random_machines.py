@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.evaluation import grid, plots
 from app.evaluation.answer_log import Answer
-from app.evaluation.case import Case, cases_of
+from app.evaluation.case import Case, cases_of, taking_part
 from app.evaluation.entrants import (
     CEM,
     DIFFUSION,
@@ -73,7 +73,7 @@ class RandomMachines(Suite):
     def report(self, data: pd.DataFrame) -> Parts:
         size = self.size
         within = data[data.reachable]
-        cases = cases_of(within, _entrants_in(data), num_candidates=size.budgets)
+        cases = cases_of(within, taking_part(data, ENTRANTS), num_candidates=size.budgets)
         learned = data[data.entrant == DIFFUSION.label].machine.unique()
         yield (
             f"{size.tasks} random tasks on each machine, the same for all methods, and in "
@@ -102,12 +102,6 @@ class RandomMachines(Suite):
         )
         yield _refined_arrive(within, size.budgets[0])
         yield _nearest_unrefined(within, size.budgets[0])
-
-
-def _entrants_in(data: pd.DataFrame) -> list[Entrant]:
-    """Return who took part."""
-    present = set(data.entrant)
-    return [entrant for entrant in ENTRANTS if entrant.label in present]
 
 
 def _by_machine(cell: Callable[[Case], str]) -> Iterator[grid.Column[Case]]:
@@ -160,7 +154,7 @@ def _errors(data: pd.DataFrame, machine: Machine, budgets: tuple[int, ...]) -> T
         f"`{machine.name}`, {machine.title}: error over the reach, mean ± standard deviation over "
         f"the {data.task.nunique()} reachable tasks, and the mean of the paired differences to CEM "
         "with its 95 % bootstrap interval; and the mean gap over the reach.",
-        cases_of(data, _entrants_in(data), num_candidates=budgets),
+        cases_of(data, taking_part(data, ENTRANTS), num_candidates=budgets),
         grid.spread("Error", "relative_error", 4),
         grid.less(f"Less {CEM.label}", "relative_error", CEM, digits=4),
         grid.Column("Gap", lambda case: f"{case.mean('relative_gap'):.1e}"),
@@ -202,7 +196,7 @@ def _nearest_unrefined(within: pd.DataFrame, k: int) -> Claim:
 def _unrefined_beside_mppi(data: pd.DataFrame) -> list[Entrant]:
     return [
         entrant
-        for entrant in _entrants_in(data)
+        for entrant in taking_part(data, ENTRANTS)
         if entrant != MPPI and "refine" not in entrant.fields
     ]
 

@@ -63,12 +63,14 @@ class Coverage(Options):
 
     def nearest(self, task: Task, horizon: int) -> Task:
         """Return a task that goes no further than the ranges: where one does, to their end."""
+        facts = TaskFacts(task, horizon)
         for name, (low, high) in self.ranges.items():
             if name in TASK_FEATURES:
-                value = TASK_FEATURES[name](TaskFacts(task, horizon))
+                value = TASK_FEATURES[name](facts)
                 if not low <= value <= high:
-                    task = CHANGES[name](task, horizon, low if value < low else high)
-        return task
+                    nearer = CHANGES[name](facts, low if value < low else high)
+                    facts = TaskFacts(nearer, horizon)
+        return facts.task
 
     def __str__(self) -> str:
         """Write each feature of the plants as a number, or as a range."""

@@ -12,7 +12,6 @@ from app.planning.plant.natural_units import (
     Scales,
     in_natural_units,
     natural_units,
-    scales,
     scales_of_natural,
 )
 from app.planning.plant.probes import PROBES, probe_misses
@@ -163,22 +162,22 @@ TASK_FEATURES: dict[str, TaskFeature] = {
 }
 """m and m/s, or shares of the plant's scales."""
 
-CHANGES: dict[str, Callable[[Task, int, float], Task]] = {
-    "initial_position": lambda task, _, value: task._replace(position=value),
-    "initial_velocity": lambda task, _, value: task._replace(velocity=value),
-    "target_position": lambda task, _, value: task._replace(target_position=value),
-    "target_velocity": lambda task, _, value: task._replace(target_velocity=value),
-    "displacement_over_reach": lambda task, horizon, value: task._replace(
-        target_position=task.position + value * scales(task.plant, horizon).reach
+CHANGES: dict[str, Callable[[TaskFacts, float], Task]] = {
+    "initial_position": lambda facts, value: facts.task._replace(position=value),
+    "initial_velocity": lambda facts, value: facts.task._replace(velocity=value),
+    "target_position": lambda facts, value: facts.task._replace(target_position=value),
+    "target_velocity": lambda facts, value: facts.task._replace(target_velocity=value),
+    "displacement_over_reach": lambda facts, value: facts.task._replace(
+        target_position=facts.task.position + value * facts.scales.reach
     ),
-    "initial_velocity_over_speed": lambda task, horizon, value: task._replace(
-        velocity=value * scales(task.plant, horizon).speed
+    "initial_velocity_over_speed": lambda facts, value: facts.task._replace(
+        velocity=value * facts.scales.speed
     ),
-    "target_velocity_over_speed": lambda task, horizon, value: task._replace(
-        target_velocity=value * scales(task.plant, horizon).speed
+    "target_velocity_over_speed": lambda facts, value: facts.task._replace(
+        target_velocity=value * facts.scales.speed
     ),
 }
-"""Of a task and a horizon H, the task whose feature has another value."""
+"""The task whose feature has another value."""
 
 
 def feature_values(names: Sequence[str], task: Task, horizon: int) -> FloatArray:

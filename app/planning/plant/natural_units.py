@@ -62,8 +62,6 @@ def in_natural_units(plant: Plant) -> Plant:
 
 SLOWEST = 1e-3
 """Full control accelerates a mass that it hardly moves as if by so much, in natural units."""
-
-
 LEAST_DAMPING = 1e-9
 """In natural units."""
 

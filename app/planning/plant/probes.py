@@ -12,20 +12,20 @@ from app.planning.plant.rollout import rollout_on
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 
-PROBES = ("coasting", "forward", "backward", "forth_and_back", "back_and_forth")
+_HALVES = {
+    "coasting": (0.0, 0.0),
+    "forward": (1.0, 1.0),
+    "backward": (-1.0, -1.0),
+    "forth_and_back": (1.0, -1.0),
+    "back_and_forth": (-1.0, 1.0),
+}
 """No control, full control either way, and full control that turns round halfway."""
+PROBES = tuple(_HALVES)
 
 
 def probe_controls(name: str, horizon: int) -> FloatArray:
     """Return the controls (H,) of a probe, in natural units."""
-    first, second = {
-        "coasting": (0.0, 0.0),
-        "forward": (1.0, 1.0),
-        "backward": (-1.0, -1.0),
-        "forth_and_back": (1.0, -1.0),
-        "back_and_forth": (-1.0, 1.0),
-    }[name]
-    return np.where(np.arange(horizon) < horizon // 2, first, second)
+    return np.where(np.arange(horizon) < horizon // 2, *_HALVES[name])
 
 
 def probe_misses(task: Task, horizon: int) -> FloatArray:
@@ -40,7 +40,8 @@ def probe_misses(task: Task, horizon: int) -> FloatArray:
     rows = np.column_stack(np.broadcast_arrays(*fields))
     misses = np.empty((len(rows), len(PROBES), 2))
     for row, miss in zip(rows.tolist(), misses, strict=True):
-        plant, units = Plant(*row[4:]), natural_units(Plant(*row[4:]))
+        plant = Plant(*row[4:])
+        units = natural_units(plant)
         states = rollout_on(plant, np.array(row[:2]), units.middle + units.control * probes)
         np.subtract(states[:, -1], row[2:4], out=miss)
     return misses

@@ -13,10 +13,17 @@ import numba
 import numpy
 import torch
 
-from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest
+from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE, Losses, Manifest, Prediction
 from app.inference.torchscript import to_torchscript
 from training.config import TrainingConfig
 from training.trainer import LossRecord, Trainer
+
+PREDICTED: dict[Prediction, str] = {
+    "noise": "noise",
+    "clean": "clean controls",
+    "velocity": "velocity",
+}
+"""What networks predict, as the loss curve calls it."""
 
 
 def version_directory(model_store: Path, config: TrainingConfig) -> Path:
@@ -47,7 +54,7 @@ def export(trainer: Trainer, model_store: Path, log_file: Path) -> Path:
         (draft / CHECKPOINT_FILE).write_bytes(checkpoint)
         manifest = _manifest(trainer, hashlib.sha256(checkpoint).hexdigest())
         (draft / MANIFEST_FILE).write_text(manifest.model_dump_json(indent=1) + "\n")
-        _write_loss_curve(history, draft)
+        _write_loss_curve(history, trainer.config, draft)
         shutil.copyfile(log_file, draft / "training.log")
         draft.rename(directory)
     return directory
@@ -79,7 +86,9 @@ def _manifest(trainer: Trainer, sha256: str) -> Manifest:
     )
 
 
-def _write_loss_curve(history: Sequence[LossRecord], directory: Path) -> None:
+def _write_loss_curve(
+    history: Sequence[LossRecord], config: TrainingConfig, directory: Path
+) -> None:
     with (directory / "loss.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["step", "training_loss", "validation_loss"])
@@ -90,7 +99,10 @@ def _write_loss_curve(history: Sequence[LossRecord], directory: Path) -> None:
     axes.plot(
         steps, [record.validation for record in history], label="validation (averaged weights)"
     )
-    axes.set(xlabel="gradient step", ylabel="mean-squared error of the noise")
+    loss = f"mean-squared error of the {PREDICTED[config.diffusion.predicts]}"
+    if config.optimisation.terminal_weight:
+        loss += f"\nand {config.optimisation.terminal_weight:g} x terminal loss"
+    axes.set(xlabel="gradient step", ylabel=loss, yscale="log")
     axes.legend()
     axes.grid(alpha=0.3)
     figure.savefig(directory / "loss.png", dpi=150)

@@ -107,12 +107,18 @@ class Trainer:
             TrainingInterrupted: SIGINT or SIGTERM came; the state is saved.
             FloatingPointError: the loss is not finite any more.
         """
+        with closing(self.data):
+            if self.progress.step < self.config.optimisation.steps:
+                # The first plans take minutes, and there is nothing yet that a signal must save.
+                self.data.batch(self.progress.step)
+            self._run()
+
+    def _run(self) -> None:
         optimisation = self.config.optimisation
         progress = self.progress
         first, started = progress.step, perf_counter()
         with (
             _signals_noticed() as signals,
-            closing(self.data),
             tqdm(total=optimisation.steps, initial=progress.step, unit="step", disable=None) as bar,
         ):
             while progress.step < optimisation.steps:

@@ -53,6 +53,12 @@ class Answer(NamedTuple):
     latency_ms: float
 
     @property
+    def model(self) -> str | None:
+        """Name/version of the learned model that answered, if one did."""
+        model = self.content.get("model")
+        return model and f"{model['name']}/{model['version']}"
+
+    @property
     def compute_ms(self) -> float:
         """The service's own time, waiting apart."""
         timing = self.content["timing_ms"]
@@ -103,15 +109,20 @@ class AnswerLog:
             if question.key in self._answers:
                 yield question, self._answers[question.key]
 
+    def get(self, question: Question) -> Answer | None:
+        """Return the latest answer, if there is one."""
+        return self._answers.get(question.key)
+
     def begin(self, session: Session) -> None:
         """Say who answers from here on.
 
         Raises:
-            EvaluationError: the answers so far are another version's, or of other models.
+            EvaluationError: the answers so far are another version's, or a model has changed.
         """
-        if self.sessions:
-            before = self.sessions[0]
-            if (before.version, before.models) != (session.version, session.models):
+        for before in self.sessions:
+            shared = before.models.keys() & session.models.keys()
+            changed = any(before.models[name] != session.models[name] for name in shared)
+            if changed or before.version != session.version:
                 raise EvaluationError(
                     f"the answers in {self._path.parent} come from {_described(before)}, and this "
                     f"service is {_described(session)}; choose another folder"

@@ -5,6 +5,8 @@ from app.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, RED, SKY, Look
 
 PAPER_MODEL = "dry-friction-fs0.7"
 """The model of the paper's plant, trained as the paper says."""
+ANY_MODEL = "any-machine"
+"""The model of every machine."""
 PAPER_DIFFUSION = Entrant(
     "Action Diffusion (paper)",
     {"method": {"name": "action_diffusion", "sampler": "paper"}, "model": PAPER_MODEL},

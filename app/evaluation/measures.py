@@ -1,5 +1,7 @@
 """From an answer to a row of numbers."""
 
+import numpy as np
+
 from app.evaluation.answer_log import Answer
 
 OF_A_PLAN = ("terminal_error", "gap", "control_energy", "control_smoothness")
@@ -17,11 +19,16 @@ def measures(answer: Answer) -> dict[str, float]:
     row: dict[str, float] = {"seed": content["seed"]}
     if "segments" in content:
         row |= {name: content[name] for name in OF_A_SEQUENCE}
-        row["control_energy"] = sum(part["control_energy"] for part in content["segments"])
+        plans = content["segments"]
+        row["control_energy"] = sum(part["control_energy"] for part in plans)
+        row["mean_end_gap"] = content["mean_end_error"] - content["mean_end_floor"]
     else:
+        plans = [content]
         row |= {name: content[name] for name in OF_A_PLAN}
         row["floor"] = content["reachability"]["floor"]
         row["reachable"] = content["reachability"]["reachable"]
+    # Answers of earlier services do not have it.
+    row["diversity"] = float(np.mean([part.get("diversity", np.nan) for part in plans]))
     return row | {
         "stuck_steps": content["stuck_steps"],
         "network_evaluations": content["cost"]["network_evaluations"],

@@ -49,14 +49,16 @@ def write_report(
 
 
 def _header(sessions: Sequence[Session], settings: str) -> Iterator[str]:
-    first = sessions[0]
+    first, last = sessions[0], sessions[-1]
+    days = dict.fromkeys(f"{session.began:%Y-%m-%d}" for session in (first, last))
+    models = {name: sha256 for session in sessions for name, sha256 in session.models.items()}
     libraries = ", ".join(f"{name} {number}" for name, number in first.libraries.items())
     at_once = ", ".join(map(str, sorted({session.concurrency for session in sessions})))
     yield f"# {TITLE}\n"
-    yield f"- Breakaway {first.version} ({libraries}), asked on {first.began:%Y-%m-%d}"
+    yield f"- Breakaway {first.version} ({libraries}), asked on {' to '.join(days)}"
     yield f"- {first.machine}; network on {first.device} with {first.network_threads} threads"
     yield f"- {settings}; requests under way at once: {at_once}"
-    for model, sha256 in first.models.items():
+    for model, sha256 in sorted(models.items()):
         yield f"- model {model}, sha256 `{sha256}`"
 
 

@@ -20,8 +20,8 @@ from app.evaluation.served import ServedModels
 from app.evaluation.suite import Suite
 from app.figures.style import STYLE_FILE
 
-Missing: TypeAlias = dict[str, tuple[Suite, Question]]
-"""What there is no answer to, and who asks first, by the question's key."""
+Wanted: TypeAlias = dict[str, tuple[Suite, Question]]
+"""All that is asked, and by whom first, by the question's key."""
 Connect: TypeAlias = Callable[[], AbstractAsyncContextManager[AsyncPlannerClient]]
 
 
@@ -53,14 +53,13 @@ async def evaluate(
     with AnswerLog(directory) as log:
         questions = {suite: list(suite.questions()) for suite in suites}
         # What two suites ask is asked once, for the first.
-        missing: Missing = {}
+        wanted: Wanted = {}
         for suite, asked in questions.items():
             for question in asked:
-                if question not in log:
-                    missing.setdefault(question.key, (suite, question))
-        if missing:
+                wanted.setdefault(question.key, (suite, question))
+        if any(question not in log for _, question in wanted.values()):
             async with connect() as client:
-                await _complete(client, missing, log, concurrency, console)
+                await _complete(client, wanted, log, concurrency, console)
         settings = f"seed {suites[0].seed}"
         if suites[0].quick:
             settings += ", quick: sizes cut down, numbers mean little"
@@ -73,7 +72,7 @@ async def evaluate(
 
 async def _complete(
     client: AsyncPlannerClient,
-    missing: Missing,
+    wanted: Wanted,
     log: AnswerLog,
     concurrency: int,
     console: Console,
@@ -83,7 +82,10 @@ async def _complete(
     served = ServedModels(info.nominal_system, models)
     questions: list[Question] = []
     uncovered: list[Question] = []
-    for _, question in missing.values():
+    for _, question in wanted.values():
+        answer = log.get(question)
+        if question in log and not served.answers_otherwise(question, answer and answer.model):
+            continue
         left_out = question.if_covered and not served.can_answer(question)
         (uncovered if left_out else questions).append(question)
     # Now, and not after hours: a plant may have no model.
@@ -109,7 +111,7 @@ async def _complete(
         bar = progress.add_task("", total=total)
 
         def advance(question: Question) -> None:
-            suite, _ = missing[question.key]
+            suite, _ = wanted[question.key]
             progress.update(bar, advance=seconds[question.key], description=suite.name)
 
         await ask_all(client, questions, log, concurrency, advance)

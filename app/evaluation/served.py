@@ -22,8 +22,17 @@ class ServedModels:
 
     def can_answer(self, question: Question) -> bool:
         """Say whether there is a model for it, if it needs one."""
-        request = question.request
-        return not needs_model(request.recipe().method) or self._model_for(request) is not None
+        return not _needs_model(question) or self._model_for(question.request) is not None
+
+    def answers_otherwise(self, question: Question, model: str | None) -> bool:
+        """Say whether another model than `model`, a name/version, answers the question now.
+
+        What there is no model for any more is answered by none.
+        """
+        if not _needs_model(question):
+            return False
+        now = self._model_for(question.request)
+        return now is not None and now.label != model
 
     def cost(self, question: Question) -> Cost:
         """Return what all plans of an answer take, refinement apart.
@@ -32,14 +41,13 @@ class ServedModels:
             EvaluationError: there is no model for it.
         """
         request, samplers = question.request, None
-        recipe = request.recipe()
-        if needs_model(recipe.method):
+        if _needs_model(question):
             model = self._model_for(request)
             if model is None:
                 wanted = request.model or f"that was trained for {request.system or self.nominal}"
                 raise EvaluationError(f"the service has no model {wanted}")
             samplers = model.samplers
-        each, count = recipe.settled(samplers).unrefined.cost(), question.num_plans
+        each, count = request.recipe().settled(samplers).unrefined.cost(), question.num_plans
         return Cost(count * each.network_evaluations, count * each.rollouts)
 
     def _model_for(self, request: AnyRequest) -> ModelDescription | None:
@@ -51,3 +59,7 @@ class ServedModels:
             elif model.covers(request.system or self.nominal, request.horizon or DEFAULT_HORIZON):
                 return model
         return None
+
+
+def _needs_model(question: Question) -> bool:
+    return needs_model(question.request.recipe().method)

@@ -38,7 +38,10 @@ signal * eps - noise * clean (Salimans and Ho 2022)."""
 
 
 class Losses(BaseModel):
-    """Mean-squared error of the prediction (of the noise: paper, Eq. 3) at the end of training."""
+    """At the end of training: mean-squared error of the prediction (of the noise: paper, Eq. 3).
+
+    With the terminal loss, where the configuration gives that a weight.
+    """
 
     training: FiniteFloat
     validation: FiniteFloat

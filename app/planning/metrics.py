@@ -1,4 +1,7 @@
-"""The paper's measures of a plan (Sect. 4.5). Every function takes one plan or a stack of them."""
+"""The paper's measures of a plan (Sect. 4.5), each of one plan or of a stack of them.
+
+And one measure of a plan's candidates.
+"""
 
 import numpy as np
 
@@ -23,6 +26,14 @@ def control_energy(controls: FloatArray) -> FloatArray:
 def control_smoothness(controls: FloatArray) -> FloatArray:
     """Return S_u = sum_k (u_{k+1} - u_k)^2 of controls (..., H), in squared units of control."""
     return np.asarray(np.sum(np.diff(controls, axis=-1) ** 2, axis=-1))
+
+
+def diversity(controls: FloatArray) -> float:
+    """Return how far K candidates (K, H) lie apart, in units of control: 0 where all are alike.
+
+    The standard deviation over the candidates, its root mean square over the steps.
+    """
+    return float(np.sqrt(np.var(controls, axis=0).mean()))
 
 
 def stuck_steps(

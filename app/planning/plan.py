@@ -19,6 +19,8 @@ class RankedCandidates:
     """(K, H+1, 2)."""
     terminal_errors: FloatArray
     """(K,)."""
+    diversity: float
+    """How far they lie apart, in units of control."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -299,6 +299,7 @@ def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, An
         "control_energy": result.control_energy,
         "control_smoothness": result.control_smoothness,
         "stuck_steps": result.stuck_steps,
+        "diversity": candidates.diversity,
         "cost": _cost_fields(result.cost),
         "timing_ms": _timing_fields(result.timing),
         "candidates": {

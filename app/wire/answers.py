@@ -91,6 +91,10 @@ class Segment(WireModel):
     stuck_steps: int = Field(
         description="Steps at rest, below the threshold of static friction and off the target."
     )
+    diversity: float = Field(
+        description="How far the candidates lie apart as they were ranked: the standard deviation "
+        "of their controls, its root mean square over the steps, units of control."
+    )
     cost: CostReport
     timing_ms: TimingReport
     candidates: CandidatesReport | None = None

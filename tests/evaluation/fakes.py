@@ -67,6 +67,7 @@ def answer_to(request: PlanRequest, model_sha256: str = SHA256) -> PlanResponse:
         control_energy=0.5,
         control_smoothness=1.0,
         stuck_steps=3,
+        diversity=0.5,
         cost=CostReport(network_evaluations=0, rollouts=16),
         timing_ms=TimingReport(queue=0.5, propose=1.0, refine=0.0, rollout=1.0, total=2.5),
     )

@@ -33,7 +33,7 @@ def sequence_answer(
         "final_error": mean_end_error,
         "mean_end_error": mean_end_error,
         "mean_end_floor": 0.0,
-        "segments": [{"control_energy": 1.0}] * 3,
+        "segments": [{"control_energy": 1.0, "diversity": 0.1}] * 3,
     }
     return _answer(content, stuck_steps, compute_ms)
 

@@ -206,6 +206,31 @@ def test_another_service_is_refused_and_both_are_named(
         assert [begun.concurrency for begun in log.sessions] == [1, 8]
 
 
+def test_a_service_with_more_models_goes_on(path: Path) -> None:
+    more = session().model_copy(update={"models": {"another/1": "c" * 64}})
+    both = session().model_copy(update={"models": {"tiny/1": "d" * 64, "another/1": "c" * 64}})
+    with AnswerLog(path.parent) as log:
+        log.begin(more)
+    with (
+        AnswerLog(path.parent) as log,
+        pytest.raises(EvaluationError, match=r"tiny/1 dddd"),
+    ):
+        log.begin(both)
+
+
+def test_the_latest_answer_counts(tmp_path: Path) -> None:
+    model = {"name": "tiny", "version": "2", "sha256": "a" * 64}
+    with AnswerLog(tmp_path) as log:
+        log.begin(session())
+        assert log.get(question(1)) is None
+        log.append(question(1), {"terminal_error": 0.1}, 1.0)
+        log.append(question(1), {"terminal_error": 0.2, "model": model}, 1.0)
+    with AnswerLog(tmp_path) as log:
+        answer = log.get(question(1))
+        assert answer is not None
+        assert (answer.content["terminal_error"], answer.model) == (0.2, "tiny/2")
+
+
 def test_trajectories_are_kept_only_when_wanted(tmp_path: Path) -> None:
     wanted, unwanted = question(1, trajectories=True), question(1)
     assert wanted.key != unwanted.key

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.evaluation.answer_log import Answer
@@ -42,6 +43,7 @@ def test_a_plan_s_measures(service: PlanningService) -> None:
     assert row["gap"] == pytest.approx(row["terminal_error"] - row["floor"])
     assert (row["seed"], row["rollouts"], row["network_evaluations"]) == (5, 4, 0)
     assert row["stuck_steps"] == answer.stuck_steps
+    assert row["diversity"] == answer.diversity > 0
     assert row["latency_ms"] == 12.5
     timing = answer.timing_ms
     assert row["compute_ms"] == pytest.approx(timing.total - timing.queue, abs=0.002)
@@ -60,7 +62,17 @@ def test_a_sequence_s_measures_are_of_all_its_plans(service: PlanningService) ->
     assert row["control_energy"] == sum(part.control_energy for part in answer.segments)
     assert (row["seed"], row["rollouts"], row["network_evaluations"]) == (5, 8, 0)
     assert row["stuck_steps"] == sum(part.stuck_steps for part in answer.segments)
+    assert row["diversity"] == pytest.approx(np.mean([part.diversity for part in answer.segments]))
+    assert answer.mean_end_floor is not None
+    assert row["mean_end_gap"] == answer.mean_end_error - answer.mean_end_floor
     assert "gap" not in row
+
+
+def test_answers_from_before_there_was_a_diversity_have_none(service: PlanningService) -> None:
+    request = PlanRequest.model_validate(REQUEST | {"target_state": (9, 0)})
+    content = service.plan(service.resolve(request)).model_dump(mode="json", exclude={"diversity"})
+
+    assert np.isnan(measures(Answer(content, latency_ms=1.0))["diversity"])
 
 
 def test_waiting_in_the_service_s_queue_is_not_its_own_time() -> None:

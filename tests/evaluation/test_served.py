@@ -71,3 +71,21 @@ def test_where_there_is_no_model_that_is_said(fields: dict[str, Any], message: s
     assert not SERVED.can_answer(question(**fields))
     with pytest.raises(EvaluationError, match=message):
         SERVED.cost(question(**fields))
+
+
+@pytest.mark.parametrize(
+    ("fields", "model", "otherwise"),
+    [
+        ({}, "any/1", False),
+        ({}, "paper/1", True),
+        ({}, None, True),
+        ({"model": "paper"}, "paper/1", False),
+        ({"model": "nobody"}, "nobody/1", False),
+        ({"horizon": 32}, None, False),
+        ({"method": "cem"}, None, False),
+    ],
+)
+def test_an_answer_of_another_model_than_would_be_asked_now_is_told(
+    fields: dict[str, Any], model: str | None, otherwise: bool
+) -> None:
+    assert SERVED.answers_otherwise(question(**fields), model) == otherwise

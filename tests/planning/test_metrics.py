@@ -4,6 +4,7 @@ import pytest
 from app.planning.metrics import (
     control_energy,
     control_smoothness,
+    diversity,
     stuck_steps,
     terminal_error,
 )
@@ -33,6 +34,13 @@ def test_smoothness_is_the_sum_of_squared_differences() -> None:
         control_smoothness(np.array([[1.0, 1.0, 1.0], [0.0, -3.0, 0.0]])), [0.0, 18.0]
     )
     assert control_smoothness(np.array([0.7])) == 0.0
+
+
+def test_diversity_is_the_spread_of_the_candidates() -> None:
+    assert diversity(np.array([[1.0, -2.0, 0.5]])) == 0.0
+    assert diversity(np.array([[1.0, 0.0], [3.0, 0.0]])) == pytest.approx(np.sqrt(0.5))
+    rng = np.random.default_rng(0)
+    assert diversity(0.3 * rng.standard_normal((4000, 64))) == pytest.approx(0.3, rel=0.01)
 
 
 def stuck(position: float, velocity: float, control: float, target: float = 0.0) -> int:

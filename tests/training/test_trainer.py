@@ -46,14 +46,15 @@ trainer.Trainer(config, Path(sys.argv[2]), torch.device("cpu")).run()
 
 
 class SignalAtRecord(logging.Handler):
-    """Sends this process a signal when the trainer logs its losses."""
+    """Sends this process a signal when the trainer logs its losses, or something else."""
 
-    def __init__(self, number: signal.Signals) -> None:
+    def __init__(self, number: signal.Signals, words: str = "validation loss") -> None:
         super().__init__()
         self.number: signal.Signals | None = number
+        self.words = words
 
     def emit(self, record: logging.LogRecord) -> None:
-        if self.number is not None and "validation loss" in record.getMessage():
+        if self.number is not None and self.words in record.getMessage():
             number, self.number = self.number, None
             os.kill(os.getpid(), number)
 
@@ -93,6 +94,19 @@ def test_losses_are_recorded_at_every_interval_and_at_the_end(uninterrupted: Tra
 
     assert [record.step for record in history] == [5, 10, 12]
     assert all(record.training > 0 and record.validation > 0 for record in history)
+
+
+def test_an_interrupt_does_not_wait_for_the_first_plans(
+    configure: Configure, tmp_path: Path, log: logging.Logger
+) -> None:
+    many = ANY_MACHINE["data"] | {"chunks_in_pool": 100_000}
+    trainer = Trainer(configure(**(ANY_MACHINE | {"data": many})), tmp_path, CPU)
+    log.addHandler(SignalAtRecord(signal.SIGINT, "making 4000000 plans"))
+
+    with pytest.raises(KeyboardInterrupt):
+        trainer.run()
+
+    assert trainer.progress.step == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

@@ -8,16 +8,21 @@ import pandas as pd
 
 from app.evaluation import claims, entrants, grid, paper, plots
 from app.evaluation.case import Case, cases_of
-from app.evaluation.question import Question
+from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Parts, Picture, Size, Suite
 from app.evaluation.tasks import sequence_tasks
-from app.figures.style import new_figure
+from app.figures.style import BLACK, Look, new_figure
 from app.planning.plant.system import System
 
 NOMINAL = System()
 FRICTIONS = (0.6, 0.7, 0.8)
 """f_s, m/s^2."""
 ERROR = "mean_end_error"
+OWN_MODEL = Entrant(
+    "Action Diffusion (a model for each f_s)", entrants.DIFFUSION.fields, Look(BLACK, "h", "-.")
+)
+"""With the paper's models, and the sampler that the service chooses for them."""
+TRAINED_FOR_EACH = (entrants.PAPER_DIFFUSION, OWN_MODEL)
 WIDTH = 0.05
 """Over which a figure spreads the entrants about each f_s, m/s^2."""
 LINEAR_BELOW = 1e-2
@@ -30,11 +35,16 @@ class FrictionSensitivity(Suite):
     name = "friction-sensitivity"
     title = "Sensitivity to static friction (Table 3)"
     draw_tasks = staticmethod(sequence_tasks)
-    FULL = Size(budgets=(128,), tasks=30, runs=5)
+    FULL = Size(budgets=(128,), tasks=30, runs=5, entrants=(*entrants.ENTRANTS, OWN_MODEL))
     QUICK = Size(
         budgets=(16,),
         tasks=3,
-        entrants=(*entrants.PAPER_ENTRANTS, entrants.DIFFUSION, entrants.REFINED_PRIOR),
+        entrants=(
+            *entrants.PAPER_ENTRANTS,
+            entrants.DIFFUSION,
+            entrants.REFINED_PRIOR,
+            OWN_MODEL,
+        ),
     )
 
     def questions(self) -> Iterator[Question]:
@@ -43,7 +53,7 @@ class FrictionSensitivity(Suite):
             system = replace(NOMINAL, static_friction=friction)
             # Unsaid where it is nominal: these are questions of multistep-random.
             asked = entrant if system == NOMINAL else entrant.asking(system=system)
-            if entrant == entrants.PAPER_DIFFUSION:
+            if entrant in TRAINED_FOR_EACH:
                 asked = asked.asking(model=f"dry-friction-fs{friction}")
             yield from self.ask(asked, k, static_friction=friction)
 
@@ -53,8 +63,9 @@ class FrictionSensitivity(Suite):
         yield (
             f"The random multi-step references again, with K = {size.budgets[0]}, for static "
             f"frictions f_s of {', '.join(map(str, FRICTIONS))} m/s²; the other parameters of the "
-            f"plant stay, and {entrants.PAPER_DIFFUSION.label} has a model of its own, trained "
-            f"from scratch, for each f_s. {size.tasks} sequences, {size.runs} runs of each, and "
+            f"plant stay. {entrants.DIFFUSION.label} has one model for all of them, "
+            f"{' and '.join(each.label for each in TRAINED_FOR_EACH)} one trained from scratch for "
+            f"each f_s. {size.tasks} sequences, {size.runs} runs of each, and "
             "the same sequences and seeds for every f_s. The floor is what no plan can go below, "
             "from where each segment of the method's own plan starts."
         )
@@ -74,6 +85,16 @@ class FrictionSensitivity(Suite):
             *(
                 claims.lead_over(other, learned, ERROR)
                 for other in (entrants.CEM, entrants.DATASET_PRIOR)
+            ),
+        )
+        yield claims.lower(
+            "One model for every machine ends nearer, for each f_s, than the three that were "
+            "trained from scratch for it (beyond the paper).",
+            *(
+                claims.lead_over(
+                    other, [case for case in cases if case.entrant == entrants.DIFFUSION], ERROR
+                )
+                for other in TRAINED_FOR_EACH
             ),
         )
 

@@ -10,9 +10,11 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.case import Case
 from app.evaluation.entrants import DATASET_PRIOR, DIFFUSION, UNIFORM
 from app.evaluation.question import Entrant, Question
+from app.evaluation.statistics import percent
 from app.evaluation.suite import Parts, Picture, Row, Size, Suite
 from app.evaluation.tasks import transition_tasks
 from app.figures.style import BLUE, GREEN, GREY, RED, Look, new_figure
+from app.wire.requests import PlanRequest
 
 SUCCESS_GAP = 1e-3
 EXACT_GAP = 1e-6
@@ -70,8 +72,17 @@ class LearnedPrior(Suite):
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
         gap = answer.content["gap"]
+        request = question.request
+        assert isinstance(request, PlanRequest)
         (row,) = super().rows(question, answer)
-        return [{**row, "success": gap < SUCCESS_GAP, "exact": gap < EXACT_GAP}]
+        return [
+            {
+                **row,
+                "success": gap < SUCCESS_GAP,
+                "exact": gap < EXACT_GAP,
+                "moving": request.target_state[1] != 0,
+            }
+        ]
 
     def report(self, data: pd.DataFrame) -> Parts:
         cases = [
@@ -104,12 +115,35 @@ class LearnedPrior(Suite):
             part="differences",
         )
         yield grid.table(
+            f"{DESCENT.label.capitalize()}, by the target: share of the tasks that end exactly.",
+            [case for case in cases if case.where["refined_by"] == DESCENT.label],
+            (
+                grid.METHOD,
+                k,
+                _exact("Within reach", reachable=True),
+                _exact("At rest", reachable=True, moving=False),
+                _exact("Moving", reachable=True, moving=True),
+                _exact("Beyond reach", reachable=False),
+            ),
+            part="targets",
+        )
+        yield grid.table(
             "The service's compute time for a plan, with its refinement: medians over the tasks.",
             cases,
             (refined_by, grid.METHOD, k, grid.median("ms a plan", "compute_ms", 2)),
             part="time",
         )
         yield _picture(learned)
+
+
+def _exact(heading: str, **where: bool) -> grid.Column[Case]:
+    """Show the share of exact plans where a task is of a kind, nothing where none is."""
+
+    def shown(case: Case) -> str:
+        rows = case.at(**where).rows
+        return percent(rows.exact.mean(), 1) if len(rows) else ""
+
+    return grid.Column(heading, shown)
 
 
 def _picture(learned: list[Case]) -> Picture:

@@ -24,7 +24,11 @@ class MultistepRandom(Suite):
     def report(self, data: pd.DataFrame) -> Parts:
         seconds = {f"{name}_s": data[f"{name}_ms"] / 1e3 for name in ("compute", "latency")}
         cases = cases_of(
-            data.assign(plan_ms=data.compute_ms / TARGETS_PER_SEQUENCE, **seconds),
+            data.assign(
+                plan_ms=data.compute_ms / TARGETS_PER_SEQUENCE,
+                plan_energy=data.control_energy / TARGETS_PER_SEQUENCE,
+                **seconds,
+            ),
             ENTRANTS,
             num_candidates=self.size.budgets,
         )
@@ -44,6 +48,16 @@ class MultistepRandom(Suite):
             grid.mean("Floor (m)", "mean_end_floor", 3),
             grid.spread("Stuck steps", "stuck_steps", 1),
             _printed("stuck_steps"),
+        )
+        yield grid.of_cases(
+            "What a method is to blame for: the gap, the mean end error less its floor; the energy "
+            "of a plan; and the diversity of its candidates, how far their controls lie apart "
+            "(standard deviation, m/s²).",
+            cases,
+            grid.mean("Gap (m)", "mean_end_gap", 4),
+            grid.mean("Energy (m²/s⁴)", "plan_energy", 1),
+            grid.mean("Diversity (m/s²)", "diversity", 3),
+            part="plans",
         )
         yield grid.statistics(cases, ERROR)
         yield grid.of_cases(

@@ -1,41 +1,75 @@
-"""Error against network evaluations, for samplers of the paper's model: paired, on the same tasks.
+"""Error against network evaluations, for samplers of two models: paired, on the same tasks.
 
 The tasks are the random multi-step ones; the paper's setting is what the others are compared with.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import pandas as pd
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from app.evaluation import grid, plots
-from app.evaluation.case import Case
-from app.evaluation.entrants import PAPER_DIFFUSION, PAPER_MODEL
+from app.evaluation.case import Case, taking_part
+from app.evaluation.entrants import ANY_MODEL, PAPER_DIFFUSION, PAPER_MODEL
 from app.evaluation.question import Entrant, Question
-from app.evaluation.suite import Parts, Picture, Size, Suite
+from app.evaluation.suite import Parts, Picture, Size, Suite, Table
 from app.evaluation.tasks import sequence_tasks
-from app.figures.style import BLACK, BLUE, GREY, RED, Look, new_figure
+from app.figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, Look, new_figure
 from app.planning.methods import ActionDiffusion
-from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler
+from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler, Solver
 
-PAPER = ActionDiffusion(sampler="paper")
+
+class Setting(NamedTuple):
+    """A sampler of a model."""
+
+    method: ActionDiffusion
+    model: str
+
+    @property
+    def sampler(self) -> Sampler:
+        """The sampler that is meant: but for the default all say their steps and scale."""
+        return self.method.settled(PAPER_MODEL_SAMPLERS)
+
+    @property
+    def evaluations(self) -> int:
+        """How often the network is evaluated for a plan."""
+        return self.sampler.cost(1).network_evaluations
+
+
+def _settings(model: str, solver: Solver, *sizes: tuple[int, float]) -> Iterator[Setting]:
+    for steps, scale in sizes:
+        yield Setting(ActionDiffusion("action_diffusion", solver, steps, scale), model)
+
+
+PAPER = Setting(ActionDiffusion(sampler="paper"), PAPER_MODEL)
 SETTINGS = (
     PAPER,
-    *(ActionDiffusion(sampler="ddim", steps=n, guidance_scale=s)
-      for n, s in ((2, 1), (5, 1), (5, 1.5), (10, 1), (10, 1.5), (10, 2), (20, 2))),
-    *(ActionDiffusion(sampler="dpm_solver", steps=n, guidance_scale=s)
-      for n, s in ((1, 1), (2, 1), (4, 1), (2, 2), (3, 2), (4, 1.5), (4, 2), (6, 2), (10, 2))),
-)  # fmt: skip
-Cases: TypeAlias = dict[ActionDiffusion, Case]
+    *_settings(PAPER_MODEL, "ddim", (2, 1), (5, 1), (5, 1.5), (10, 1), (10, 1.5), (10, 2), (20, 2)),
+    *_settings(
+        PAPER_MODEL,
+        "dpm_solver",
+        *((1, 1), (2, 1), (4, 1), (2, 2), (3, 2), (4, 1.5), (4, 2), (6, 2), (10, 2)),
+    ),
+    *_settings(ANY_MODEL, "ddim", (2, 1), (3, 1), (6, 1), (10, 1)),
+    *_settings(ANY_MODEL, "dpm_solver", (1, 1), (2, 1), (3, 1), (4, 1), (6, 1), (3, 1.5)),
+)
+Cases: TypeAlias = dict[Setting, Case]
 ERROR = "mean_end_error"
 MARGIN = 0.005
 """A setting is not inferior if its mean end error is, at 95 %, at most this much above (m)."""
 
-SOLVERS = {"ddim": ("DDIM", BLUE), "dpm_solver": ("DPM-Solver++", RED)}
-"""Name and colour."""
+SOLVERS: dict[Solver, str] = {"ddim": "DDIM", "dpm_solver": "DPM-Solver++"}
+MODELS = {PAPER_MODEL: "the paper's plant", ANY_MODEL: "every machine"}
+"""What the models are of."""
+COLORS: dict[tuple[str, Solver], str] = {
+    (PAPER_MODEL, "ddim"): BLUE,
+    (PAPER_MODEL, "dpm_solver"): RED,
+    (ANY_MODEL, "ddim"): GREEN,
+    (ANY_MODEL, "dpm_solver"): ORANGE,
+}
 GUIDANCE = {1.0: ("o", ":"), 1.5: ("^", "--"), 2.0: ("s", "-")}
 """Marker and line, by scale."""
 EVALUATIONS = (1, 2, 5, 10, 20, 50, 100)
@@ -43,7 +77,7 @@ EVALUATIONS = (1, 2, 5, 10, 20, 50, 100)
 
 
 class SamplerFrontier(Suite):
-    """Error against network evaluations: samplers of the learned model."""
+    """Error against network evaluations: samplers of the paper's model and of every machine's."""
 
     name = "sampler-frontier"
     title = "Error against network evaluations"
@@ -53,64 +87,79 @@ class SamplerFrontier(Suite):
 
     def questions(self) -> Iterator[Question]:
         for k, setting in product(self.size.budgets, SETTINGS):
-            sampling = _settled(setting).settings
-            steps, scale = sampling.steps, sampling.guidance_scale
-            yield from self.ask(entrant_of(setting), k, steps=steps, guidance_scale=scale)
+            steps, scale = setting.sampler.settings.steps, setting.sampler.settings.guidance_scale
+            yield from self.ask(
+                entrant_of(setting),
+                k,
+                if_covered=setting.model == ANY_MODEL,
+                steps=steps,
+                guidance_scale=scale,
+            )
 
     def report(self, data: pd.DataFrame) -> Parts:
-        cases = {setting: Case(data, entrant_of(setting), {}) for setting in SETTINGS}
-        default = _settled(ActionDiffusion())
+        present = taking_part(data, map(entrant_of, SETTINGS))
+        cases = {
+            setting: Case(data, entrant, {})
+            for setting in SETTINGS
+            if (entrant := entrant_of(setting)) in present
+        }
         yield (
-            f"Samplers of the learned model on the same {self.size.tasks} random multi-step "
+            f"Samplers of learned models on the same {self.size.tasks} random multi-step "
             "sequences. The paper samples with 50 DDIM steps of two network evaluations each, and "
-            "guidance scale s = 2; without guidance (s = 1) a step takes one evaluation. The "
-            f"default with this model is {SOLVERS[default.solver][0]} with "
-            f"{default.settings.steps} steps, s = {default.settings.guidance_scale:g}."
+            "guidance scale s = 2; without guidance (s = 1) a step takes one evaluation. The model "
+            f"of {MODELS[PAPER_MODEL]} predicts the noise, that of {MODELS[ANY_MODEL]} the clean "
+            "controls. Each model has a default of its own (`GET /models`)."
         )
-        yield grid.table(
-            "Mean end error (m), and in parentheses what it is more than that of the paper's "
-            "setting, with its 95 % bootstrap interval over the sequences, paired; an asterisk "
-            f"marks what may be more than {MARGIN:g} m worse.",
-            SETTINGS,
-            (
-                grid.Column("Sampler", _name),
-                grid.Column("Steps", lambda setting: str(_settled(setting).settings.steps)),
-                grid.Column("s", lambda setting: f"{_settled(setting).settings.guidance_scale:g}"),
-                grid.Column("Evaluations", lambda setting: str(_evaluations(setting))),
-                *(_error_column(cases, k) for k in self.size.budgets),
-            ),
-        )
+        for model, of_what in MODELS.items():
+            if shown := [setting for setting in cases if setting.model == model]:
+                yield _errors(cases, shown, self.size.budgets, of_what)
+                yield grid.table(
+                    f"Diversity of the candidates, the model of {of_what}: standard deviation of "
+                    "their controls (m/s²).",
+                    shown,
+                    (*COLUMNS, *(_diversity(cases, k) for k in self.size.budgets)),
+                    part=f"{model}-diversity",
+                )
         yield _picture(cases, self.size.budgets)
 
 
-def entrant_of(setting: ActionDiffusion) -> Entrant:
+def entrant_of(setting: Setting) -> Entrant:
     """Return a sampler as it takes part; the paper's asks what it asks in the other suites."""
     if setting == PAPER:
         return PAPER_DIFFUSION
-    sampler = _settled(setting)
+    sampler = setting.sampler
     steps, scale = sampler.settings.steps, sampler.settings.guidance_scale
-    name, color = SOLVERS[sampler.solver]
-    label = f"{name}, {steps} steps, s = {scale:g}"
-    fields = {"method": asdict(setting), "model": PAPER_MODEL}
-    return Entrant(label, fields, Look(color, *GUIDANCE[scale]))
+    label = f"{SOLVERS[sampler.solver]}, {steps} steps, s = {scale:g}, {MODELS[setting.model]}"
+    fields = {"method": asdict(setting.method), "model": setting.model}
+    return Entrant(label, fields, Look(COLORS[setting.model, sampler.solver], *GUIDANCE[scale]))
 
 
-def _settled(setting: ActionDiffusion) -> Sampler:
-    """Return what a setting is with the paper's model."""
-    return setting.settled(PAPER_MODEL_SAMPLERS)
+COLUMNS: tuple[grid.Column[Setting], ...] = (
+    grid.Column(
+        "Sampler", lambda setting: SOLVERS[setting.sampler.solver] + " (paper)" * (setting == PAPER)
+    ),
+    grid.Column("Steps", lambda setting: str(setting.sampler.settings.steps)),
+    grid.Column("s", lambda setting: f"{setting.sampler.settings.guidance_scale:g}"),
+    grid.Column("Evaluations", lambda setting: str(setting.evaluations)),
+)
 
 
-def _name(setting: ActionDiffusion) -> str:
-    return SOLVERS[_settled(setting).solver][0] + " (paper)" * (setting == PAPER)
+def _errors(
+    cases: Cases, shown: Sequence[Setting], budgets: tuple[int, ...], of_what: str
+) -> Table:
+    model = shown[0].model
+    return grid.table(
+        f"The model of {of_what}: mean end error (m), and in parentheses what it is more than "
+        "that of the paper's setting, with its 95 % bootstrap interval over the sequences, "
+        f"paired; an asterisk marks what may be more than {MARGIN:g} m worse.",
+        shown,
+        (*COLUMNS, *(_error(cases, k) for k in budgets)),
+        part="" if model == PAPER_MODEL else model,
+    )
 
 
-def _evaluations(setting: ActionDiffusion) -> int:
-    """Return how often the network is evaluated for a plan."""
-    return _settled(setting).cost(1).network_evaluations
-
-
-def _error_column(cases: Cases, k: int) -> grid.Column[ActionDiffusion]:
-    def error(setting: ActionDiffusion) -> str:
+def _error(cases: Cases, k: int) -> grid.Column[Setting]:
+    def shown(setting: Setting) -> str:
         case = cases[setting].at(num_candidates=k)
         mean = f"{case.per_unit(ERROR).mean():.3f}"
         if setting == PAPER:
@@ -118,7 +167,14 @@ def _error_column(cases: Cases, k: int) -> grid.Column[ActionDiffusion]:
         more = case.less(PAPER_DIFFUSION, ERROR)
         return f"{mean}{'*' * (more.high > MARGIN)} ({more.shown(3, '+')})"
 
-    return grid.Column(f"K = {k}", error)
+    return grid.Column(f"K = {k}", shown)
+
+
+def _diversity(cases: Cases, k: int) -> grid.Column[Setting]:
+    return grid.Column(
+        f"K = {k}",
+        lambda setting: f"{cases[setting].at(num_candidates=k).mean('diversity'):.3f}",
+    )
 
 
 def _picture(cases: Cases, budgets: tuple[int, ...]) -> Picture:
@@ -126,19 +182,20 @@ def _picture(cases: Cases, budgets: tuple[int, ...]) -> Picture:
     panels = figure.subplots(1, len(budgets), sharey=True)
     for axes, k in zip(panels, budgets, strict=True):
         errors = {each: case.at(num_candidates=k).mean(ERROR) for each, case in cases.items()}
-        for scale, solver in product(GUIDANCE, SOLVERS):
-            name, color = SOLVERS[solver]
+        for (model, solver), scale in product(COLORS, GUIDANCE):
             on_line = sorted(
-                (_evaluations(setting), error)
+                (setting.evaluations, error)
                 for setting, error in errors.items()
-                if (sampler := _settled(setting)).solver == solver
-                and sampler.settings.guidance_scale == scale
+                if (setting.model, setting.sampler.solver) == (model, solver)
+                and setting.sampler.settings.guidance_scale == scale
             )
-            look = Look(color, *GUIDANCE[scale])._asdict()
-            axes.plot(*zip(*on_line, strict=True), label=f"{name}, s = {scale:g}", **look)
+            if on_line:
+                look = Look(COLORS[model, solver], *GUIDANCE[scale])._asdict()
+                label = f"{SOLVERS[solver]}, s = {scale:g}, {MODELS[model]}"
+                axes.plot(*zip(*on_line, strict=True), label=label, **look)
         axes.axhline(errors[PAPER], color=GREY, lw=0.8)
         axes.plot(
-            _evaluations(PAPER), errors[PAPER], "*", color=BLACK, ms=9, label="the paper's setting"
+            PAPER.evaluations, errors[PAPER], "*", color=BLACK, ms=9, label="the paper's setting"
         )
         axes.set(title=f"K = {k}", xlabel="network evaluations", xscale="log", yscale="log")
         axes.set_xticks(EVALUATIONS, labels=[str(number) for number in EVALUATIONS])
@@ -150,5 +207,5 @@ def _picture(cases: Cases, budgets: tuple[int, ...]) -> Picture:
         figure,
         "Mean end error over the sequences against the network evaluations of a plan; s is the "
         "guidance scale, the grey line the error of the paper's setting.",
-        columns=4,
+        columns=3,
     )

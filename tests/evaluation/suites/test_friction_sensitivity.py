@@ -14,7 +14,12 @@ from app.evaluation.entrants import (
 )
 from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Claim, Picture, Section, Table
-from app.evaluation.suites.friction_sensitivity import FRICTIONS, FrictionSensitivity
+from app.evaluation.suites.friction_sensitivity import (
+    FRICTIONS,
+    OWN_MODEL,
+    TRAINED_FOR_EACH,
+    FrictionSensitivity,
+)
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.tasks import sequence_tasks
 from app.planning.plant.system import System
@@ -25,7 +30,9 @@ SUITE = FrictionSensitivity(seed=3, quick=True)
 
 World = Mapping[tuple[Entrant, float], float]
 ERRORS: World = {
-    (entrant, friction): {PAPER_DIFFUSION: 0.1, CEM: 0.3, DATASET_PRIOR: 0.4}.get(entrant, 0.05)
+    (entrant, friction): {PAPER_DIFFUSION: 0.1, OWN_MODEL: 0.09, CEM: 0.3, DATASET_PRIOR: 0.4}.get(
+        entrant, 0.05
+    )
     for entrant in SUITE.size.entrants
     for friction in FRICTIONS
 }
@@ -53,7 +60,7 @@ def test_everybody_gets_the_same_tasks_and_seeds_for_every_friction() -> None:
 def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
     questions = list(WHOLE.questions())
     assert len(questions) == len({question.key for question in questions})
-    assert len(questions) == 3 * 30 * 5 * len(ENTRANTS)
+    assert len(questions) == 3 * 30 * 5 * (len(ENTRANTS) + 1)
     assert {question.request.num_candidates for question in questions} == {128}
 
 
@@ -67,16 +74,14 @@ def test_static_friction_alone_differs_and_goes_unsaid_where_it_is_nominal() -> 
     }
 
 
-def test_the_paper_s_method_has_a_model_of_its_own_for_each_friction_and_nobody_else_says_one() -> (
-    None
-):
+def test_those_trained_for_each_friction_name_their_models_and_nobody_else_does() -> None:
     models = {
         (question.labels["entrant"], question.labels["static_friction"]): question.request.model
         for question in SUITE.questions()
     }
     for (entrant, friction), model in models.items():
-        is_paper_s = entrant == PAPER_DIFFUSION.label
-        assert model == (f"dry-friction-fs{friction}" if is_paper_s else None)
+        has_own = entrant in {each.label for each in TRAINED_FOR_EACH}
+        assert model == (f"dry-friction-fs{friction}" if has_own else None)
 
 
 @pytest.mark.parametrize("quick", [False, True])
@@ -91,6 +96,8 @@ def test_questions_on_the_nominal_plant_are_those_of_the_random_multistep_suite(
     }
     own: dict[bool, set[str]] = {True: set(), False: set()}
     for question in suite.questions():
+        if question.labels["entrant"] == OWN_MODEL.label:
+            continue
         own[question.labels["static_friction"] == 0.7].add(question.key)
     assert own[True] <= elsewhere
     assert own[True] == elsewhere or quick
@@ -103,7 +110,7 @@ def test_a_row_for_each_method_with_the_paper_s_numbers_beside() -> None:
         PAPER_DIFFUSION.label, "0.110 ± 0.008", "0.14 ± 0.1", "0.000", "0.110 ± 0.008",
         "0.15 ± 0.1", "0.000", "0.110 ± 0.008", "0.10 ± 0.1", "0.000",
     )  # fmt: skip
-    assert errors.rows[-1][:3] == (REFINED_PRIOR.label, "0.060 ± 0.008", "")
+    assert errors.rows[-2][:3] == (REFINED_PRIOR.label, "0.060 ± 0.008", "")
     assert statistics.rows[1] == (
         DATASET_PRIOR.label, "0.6", "0.410 [0.400, 0.420]", "+0.300 [+0.300, +0.300]"
     )  # fmt: skip
@@ -127,8 +134,9 @@ def test_a_line_of_each_method_is_drawn() -> None:
 
 
 def test_the_claim_holds_where_action_diffusion_leads_for_every_friction() -> None:
-    (claim,) = section().all(Claim)
+    claim, one_model = section().all(Claim)
     assert claim.confirmed
+    assert one_model.confirmed
     assert "CEM (40 it.): -0.200 [-0.200, -0.200] m at f_s = 0.6" in claim.evidence
 
 
@@ -137,6 +145,15 @@ def test_the_claim_holds_where_action_diffusion_leads_for_every_friction() -> No
 def test_the_claim_fails_where_another_is_as_good_for_one_friction(
     other: Entrant, friction: float
 ) -> None:
-    (claim,) = section({**ERRORS, (other, friction): 0.1}).all(Claim)
+    claim, _ = section({**ERRORS, (other, friction): 0.1}).all(Claim)
     assert not claim.confirmed
     assert f"+0.000 [+0.000, +0.000] m at f_s = {friction}" in claim.evidence
+
+
+@pytest.mark.parametrize("friction", FRICTIONS)
+@pytest.mark.parametrize("own", TRAINED_FOR_EACH)
+def test_one_model_is_not_better_where_one_of_the_others_is_as_good(
+    own: Entrant, friction: float
+) -> None:
+    _, claim = section({**ERRORS, (own, friction): 0.05}).all(Claim)
+    assert not claim.confirmed

@@ -101,8 +101,8 @@ def test_success_and_exactness_are_read_off_the_gap(gap: float, success: bool, e
 
 
 def test_tables_hold_everybody_and_the_paired_differences() -> None:
-    results, differences, times = section().all(Table)
-    assert [len(table.rows) for table in (results, differences, times)] == [27, 9, 27]
+    results, differences, targets, times = section().all(Table)
+    assert [len(table.rows) for table in (results, differences, targets, times)] == [27, 9, 9, 27]
     assert results.rows[1] == (
         DESCENT.label, DATASET_PRIOR.label, "1", "50.0 %", "50.0 %", "23.8", "1.00", "0.0",
     )  # fmt: skip
@@ -111,6 +111,8 @@ def test_tables_hold_everybody_and_the_paired_differences() -> None:
     assert success.startswith("+0.500 [+0.")
     assert energy == "-0.250 [-0.250, -0.250]"
     assert differences.rows[3][:3] == (REPAIR.label, "1", "+0.000 [+0.000, +0.000]")
+    # Every other target moves, and the dataset prior misses those.
+    assert targets.rows[1] == (DATASET_PRIOR.label, "1", "50.0 %", "100.0 %", "0.0 %", "")
     assert times.rows[-1] == (LEAST_ENERGY.label, DATASET_PRIOR.label, "1024", "1027.50")
 
 

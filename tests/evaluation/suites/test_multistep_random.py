@@ -75,14 +75,15 @@ def test_a_plant_and_more_columns_may_be_given() -> None:
 
 
 def test_a_row_for_each_method_and_k_with_the_paper_s_numbers_beside() -> None:
-    errors, statistics, times, *wins = section().all(Table)
-    for table in (errors, statistics, times):
+    errors, plans, statistics, times, *wins = section().all(Table)
+    for table in (errors, plans, statistics, times):
         assert len(table.rows) == len(ENTRANTS) * len(SUITE.size.budgets)
         assert {len(row) for row in table.rows} == {len(table.headings)}
     assert errors.rows[0] == (
         PAPER_DIFFUSION.label, "16", "0.110 ± 0.008", "0.20 ± 0.3", "0.110 ± 0.008", "0.17 ± 0.1",
         "0.000", "10.0 ± 0.0", "23.2 ± 18.7",
     )  # fmt: skip
+    assert plans.rows[0] == (PAPER_DIFFUSION.label, "16", "0.1100", "1.0", "0.100")
     assert statistics.rows[1][2:] == ("0.410 [0.400, 0.420]", "+0.300 [+0.300, +0.300]")
     assert times.rows[0][2:] == ("0.001 ± 0.000", "0.68 ± 0.1", "0.3", "0.002 ± 0.000")
     assert [table.part for table in wins] == ["wins-16", "wins-32"]

@@ -15,11 +15,15 @@ from app.inference.device import CPU
 from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.verification import verify
+from app.planning.plant.system import System
+from app.planning.problem import DEFAULT_HORIZON
 from app.planning.warm_up import warm_up
 
 
 def run(store: Path, num_threads: int) -> Iterator[str]:
-    """Measure everything with the paper's model of the nominal plant; yield lines of Markdown.
+    """Measure the network with the paper's model, and plans with the one that a service chooses.
+
+    Yields lines of Markdown.
 
     Raises:
         ModelRejected: a model of the store is not what its manifest says.
@@ -27,24 +31,26 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     """
     warm_up()
     engine = Engine(num_threads)
-    model = engine.load(store, CPU).find(PAPER_MODEL)
-    manifest, checkpoint = verify(store / model.manifest.name / str(model.manifest.version))
+    models = engine.load(store, CPU)
+    paper, chosen = models.find(PAPER_MODEL), models.covering(System(), DEFAULT_HORIZON)
+    manifest, checkpoint = verify(store / paper.manifest.name / str(paper.manifest.version))
     reference = Reference(checkpoint, manifest)
     # After the engine, which limits PyTorch to one thread: the references have them all.
     use_threads(num_threads)
     # One job for all that is measured: the engine has no other to share its rows with.
-    proposal = engine.bind(model, Job(rows_left=0))
+    job = Job(rows_left=0)
+    proposal, samplers = engine.bind(chosen, job), chosen.manifest.samplers
     yield "# Benchmark\n"
-    yield f"{model.label}, {num_threads} threads"
+    yield f"{paper.label}, by default {chosen.label}; {num_threads} threads"
     yield "\n## The network\n"
-    yield from network(model, reference, num_threads)
+    yield from network(paper, chosen, reference, num_threads)
     yield "\n## Sampling, beside the paper's sampler in eager PyTorch\n"
-    yield from sampling(proposal, reference, manifest.samplers)
+    yield from sampling(engine.bind(paper, job), reference, proposal, samplers)
     yield "\n## Planning\n"
-    yield quick_plans(proposal, manifest)
+    yield quick_plans(proposal, chosen.manifest)
     yield from planning()
     yield "\n## The service\n"
-    yield from service(model)
+    yield from service(chosen)
     yield "\n## Many requests at once\n"
     yield from concurrency()
     engine.close()

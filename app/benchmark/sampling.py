@@ -18,8 +18,17 @@ CANDIDATES, MOST_PAIRS = 256, 40
 """Pairs of samplings are as many as make this many candidates, but 3 to 40."""
 
 
-def sampling(proposal: EngineProposal, reference: Reference, samplers: Samplers) -> Iterator[str]:
-    """Draw candidates for one task by the reference and by the engine; yield a Markdown table."""
+def sampling(
+    paper: EngineProposal, reference: Reference, chosen: EngineProposal, samplers: Samplers
+) -> Iterator[str]:
+    """Draw candidates for one task by the reference and by the engine; yield a Markdown table.
+
+    Args:
+        paper: samples from the paper's model.
+        reference: the same in eager PyTorch.
+        chosen: samples from the model that a service chooses for the paper's plant.
+        samplers: of the latter.
+    """
     default = ActionDiffusion().settled(samplers)
     problem = Problem(np.zeros(2), np.array([0.5, 0.0]))
     yield (
@@ -29,10 +38,8 @@ def sampling(proposal: EngineProposal, reference: Reference, samplers: Samplers)
     yield "| ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
     for k in BUDGETS:
         plain = partial(_sample_by_reference, reference, problem, k)
-        same, fewer = (
-            partial(_sample_by_engine, proposal, problem, k, sampler)
-            for sampler in (PAPER_SAMPLER, default)
-        )
+        same = partial(_sample_by_engine, paper, problem, k, PAPER_SAMPLER)
+        fewer = partial(_sample_by_engine, chosen, problem, k, default)
         difference = np.abs(plain() - same()).max()
         pairs = min(max(3, CANDIDATES // k), MOST_PAIRS)
         reference_ms, same_ms = paired(plain, same, pairs, settle=True)

@@ -10,8 +10,8 @@ from app.settings_options import read_settings
 def bench() -> None:
     """Measure network, sampling, planning and service side by side.
 
-    The model is the paper's, dry-friction-fs0.7, in the store that is shipped, or in
-    BREAKAWAY_MODEL_STORE; the output is Markdown.
+    The models are the paper's, dry-friction-fs0.7, and the one that a service chooses, in the
+    store that is shipped, or in BREAKAWAY_MODEL_STORE; the output is Markdown.
     """
     from app.benchmark.run import run
     from app.inference.model_store import UnknownModel

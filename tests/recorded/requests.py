@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from app.evaluation.entrants import PAPER_MODEL
+
 ANSWERS = Path(__file__).with_name("answers.jsonl")
 """Those on record, in the order of the requests."""
 
@@ -64,25 +66,38 @@ def all_requests() -> Iterator[Recorded]:
         yield _plan(next(tasks), method=optimiser, initial={"method": initial})
     for name, refined in product(("dataset_prior", "cem", "mppi"), (False, True)):
         yield _sequence(next(tasks), method=name, refine=refined)
-    yield from _learned(tasks)
+    for model in (PAPER_MODEL, None):
+        yield from _learned(tasks, model)
+    systems: tuple[Any, ...] = ({"static_friction": 0.6}, {"static_friction": 0.8}, "emps", "servo")
+    for system in systems:
+        yield _plan(next(tasks), method="action_diffusion", system=system)
 
 
-def _learned(tasks: Iterator[dict[str, Any]]) -> Iterator[Recorded]:
+def _learned(tasks: Iterator[dict[str, Any]], model: str | None) -> Iterator[Recorded]:
+    """Ask a model, by default the one that the service chooses."""
+    asked = {"model": model} if model else {}
     for sampler, k in product(("dpm_solver", "ddim", "paper"), (1, 16)):
-        yield _plan(
-            next(tasks), method={"name": "action_diffusion", "sampler": sampler}, num_candidates=k
-        )
+        method: dict[str, Any] = {"name": "action_diffusion", "sampler": sampler}
+        yield _plan(next(tasks), method=method, num_candidates=k, **asked)
     for scale in (0.0, 1.0, 3.0):
         method = {"name": "action_diffusion", "steps": 2, "guidance_scale": scale}
-        yield _plan(next(tasks), method=method)
-    for friction in (0.6, 0.8):
-        yield _plan(next(tasks), method="action_diffusion", model=f"dry-friction-fs{friction}")
-        yield _plan(next(tasks), method="action_diffusion", system={"static_friction": friction})
-    yield _plan(next(tasks), method="cem", initial={"method": "action_diffusion"})
+        yield _plan(next(tasks), method=method, **asked)
+    if model:
+        for friction in (0.6, 0.8):
+            yield _plan(next(tasks), method="action_diffusion", model=f"dry-friction-fs{friction}")
+            yield _plan(
+                next(tasks),
+                method="action_diffusion",
+                model=f"dry-friction-fs{friction}",
+                system={"static_friction": friction},
+            )
+    yield _plan(next(tasks), method="cem", initial={"method": "action_diffusion"}, **asked)
     for objective in ("terminal_error", "control_energy"):
-        yield _plan(next(tasks), method="action_diffusion", refine=True, objective=objective)
+        yield _plan(
+            next(tasks), method="action_diffusion", refine=True, objective=objective, **asked
+        )
     for refine in (False, True):
-        yield _sequence(next(tasks), method="action_diffusion", refine=refine)
+        yield _sequence(next(tasks), method="action_diffusion", refine=refine, **asked)
 
 
 def _tasks(rng: np.random.Generator) -> Iterator[dict[str, Any]]:

@@ -50,13 +50,11 @@ class MultistepRandom(Suite):
             _printed("stuck_steps"),
         )
         yield grid.of_cases(
-            "What a method is to blame for: the gap, the mean end error less its floor; the energy "
-            "of a plan; and the diversity of its candidates, how far their controls lie apart "
-            "(standard deviation, m/s²).",
+            "What a method is to blame for, the gap: mean end error less its floor; and the energy "
+            "of a plan.",
             cases,
             grid.mean("Gap (m)", "mean_end_gap", 4),
             grid.mean("Energy (m²/s⁴)", "plan_energy", 1),
-            grid.mean("Diversity (m/s²)", "diversity", 3),
             part="plans",
         )
         yield grid.statistics(cases, ERROR)

@@ -111,12 +111,15 @@ class SamplerFrontier(Suite):
             "controls. Each model has a default of its own (`GET /models`)."
         )
         for model, of_what in MODELS.items():
-            if shown := [setting for setting in cases if setting.model == model]:
+            shown = [setting for setting in cases if setting.model == model]
+            if shown:
                 yield _errors(cases, shown, self.size.budgets, of_what)
+            # Answers of earlier services do not say how diverse the candidates were.
+            if known := [each for each in shown if cases[each].rows.diversity.notna().all()]:
                 yield grid.table(
                     f"Diversity of the candidates, the model of {of_what}: standard deviation of "
                     "their controls (m/s²).",
-                    shown,
+                    known,
                     (*COLUMNS, *(_diversity(cases, k) for k in self.size.budgets)),
                     part=f"{model}-diversity",
                 )

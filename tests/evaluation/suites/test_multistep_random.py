@@ -83,7 +83,7 @@ def test_a_row_for_each_method_and_k_with_the_paper_s_numbers_beside() -> None:
         PAPER_DIFFUSION.label, "16", "0.110 ± 0.008", "0.20 ± 0.3", "0.110 ± 0.008", "0.17 ± 0.1",
         "0.000", "10.0 ± 0.0", "23.2 ± 18.7",
     )  # fmt: skip
-    assert plans.rows[0] == (PAPER_DIFFUSION.label, "16", "0.1100", "1.0", "0.100")
+    assert plans.rows[0] == (PAPER_DIFFUSION.label, "16", "0.1100", "1.0")
     assert statistics.rows[1][2:] == ("0.410 [0.400, 0.420]", "+0.300 [+0.300, +0.300]")
     assert times.rows[0][2:] == ("0.001 ± 0.000", "0.68 ± 0.1", "0.3", "0.002 ± 0.000")
     assert [table.part for table in wins] == ["wins-16", "wins-32"]

@@ -136,6 +136,19 @@ def test_the_diversity_of_the_candidates_is_shown() -> None:
     assert all(row[4:] == ("0.100", "0.100") for table in shown for row in table.rows)
 
 
+def test_where_answers_do_not_say_it_the_diversity_is_not_shown() -> None:
+    def answer(question: Question) -> Answer:
+        given = sequence_answer(0.5)
+        for part in given.content["segments"] if question.request.model == PAPER_MODEL else ():
+            part.pop("diversity", None)
+        return given
+
+    shown = [
+        table for table in section_of(SUITE, answer).all(Table) if "Diversity" in table.caption
+    ]
+    assert [table.part for table in shown] == [f"{ANY_MODEL}-diversity"]
+
+
 def test_without_the_model_of_every_machine_the_paper_s_alone_is_shown() -> None:
     answered = [
         (question, sequence_answer(0.5))

@@ -51,7 +51,7 @@ def test_the_setting_of_the_paper_comes_first_and_each_other_once() -> None:
     assert len({entrant_of(setting) for setting in SETTINGS}) == len(SETTINGS)
 
 
-@pytest.mark.parametrize("model", [PAPER_MODEL])
+@pytest.mark.parametrize("model", [PAPER_MODEL, ANY_MODEL])
 def test_what_the_shipped_models_do_by_default_is_among_the_settings(model: str) -> None:
     manifest = Manifest.read(SHIPPED_MODELS / model / "1" / "manifest.json")
     default = ActionDiffusion().settled(manifest.samplers)

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from tests.training.conftest import ANY_MACHINE
+from training.batch import Batch
 from training.config import TrainingConfig
 from training.trainer import LossRecord, Trainer, TrainingInterrupted
 
@@ -46,15 +47,14 @@ trainer.Trainer(config, Path(sys.argv[2]), torch.device("cpu")).run()
 
 
 class SignalAtRecord(logging.Handler):
-    """Sends this process a signal when the trainer logs its losses, or something else."""
+    """Sends this process a signal when the trainer logs its losses."""
 
-    def __init__(self, number: signal.Signals, words: str = "validation loss") -> None:
+    def __init__(self, number: signal.Signals) -> None:
         super().__init__()
         self.number: signal.Signals | None = number
-        self.words = words
 
     def emit(self, record: logging.LogRecord) -> None:
-        if self.number is not None and self.words in record.getMessage():
+        if self.number is not None and "validation loss" in record.getMessage():
             number, self.number = self.number, None
             os.kill(os.getpid(), number)
 
@@ -96,22 +96,20 @@ def test_losses_are_recorded_at_every_interval_and_at_the_end(uninterrupted: Tra
     assert all(record.training > 0 and record.validation > 0 for record in history)
 
 
-def test_an_interrupt_does_not_wait_for_the_first_plans(
-    configure: Configure, tmp_path: Path, log: logging.Logger
+def test_a_signal_is_not_held_up_by_the_first_plans(
+    configure: Configure, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    many = ANY_MACHINE["data"] | {"chunks_in_pool": 100_000}
-    trainer = Trainer(configure(**(ANY_MACHINE | {"data": many})), tmp_path, CPU)
-    log.addHandler(SignalAtRecord(signal.SIGINT, "making 4000000 plans"))
+    trainer = Trainer(configure(**ANY_MACHINE), tmp_path, CPU)
+    numbers = signal.SIGINT, signal.SIGTERM
+    usual = [signal.getsignal(number) for number in numbers]
 
-    # Where tests run side by side, an interrupt is ignored but for this.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            trainer.run()
-    finally:
-        signal.signal(signal.SIGINT, before)
+    def interrupted(_step: int) -> Batch:
+        assert [signal.getsignal(number) for number in numbers] == usual
+        raise KeyboardInterrupt
 
-    assert trainer.progress.step == 0
+    monkeypatch.setattr(trainer.data, "batch", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        trainer.run()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

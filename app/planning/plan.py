@@ -7,6 +7,7 @@ import numpy as np
 from app.planning.arrays import FloatArray
 from app.planning.problem import Cost, Timing
 from app.planning.reachable.reachability import Reachability
+from app.planning.uncertainty.robustness import Robustness
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +31,11 @@ class RefinementEffect:
     error_before: float
     """Of the best candidate as proposed."""
     error_after: float
-    """Of the selected one; above `error_before` by no more than rounding, 1e-12."""
+    """Of the selected one; above `error_before` by no more than rounding, 1e-12, unless the risk
+    over uncertain plants selects it."""
     replaced: bool
-    """Whether a plan traced through the reachable set took the selected candidate's place."""
+    """Whether a plan traced through the reachable set, or one from the robust search, took the
+    selected candidate's place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +53,8 @@ class Plan:
     control_smoothness: float
     stuck_steps: int
     refinement: RefinementEffect | None
+    robustness: Robustness | None
+    """What the plan is worth on uncertain plants, where it is for such."""
     cost: Cost
     timing: Timing
     candidates: RankedCandidates

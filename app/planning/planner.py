@@ -1,4 +1,7 @@
-"""How a plan comes about: propose, refine, roll out, rank, measure. The one road to a plan."""
+"""How a plan comes about: propose, refine, roll out, rank, measure. The one road to a plan.
+
+Where the plant is uncertain, refinement and ranking are by the risk over all plants it may be.
+"""
 
 import math
 from collections.abc import Sequence
@@ -25,6 +28,8 @@ from app.planning.recipe import Recipe
 from app.planning.refining.gauss_newton import EXACT
 from app.planning.refining.refinement import Refined, refine
 from app.planning.stop import NEVER, Stop
+from app.planning.uncertainty.robustness import judge
+from app.planning.uncertainty.search import refine_robustly
 
 
 def plan(
@@ -43,6 +48,7 @@ def plan(
         Stopped: `stop` said so.
     """
     stop.check()
+    uncertainty = recipe.uncertainty
     started = perf_counter()
     proposal = recipe.method.propose(problem, recipe.num_candidates, rng, stop)
     stop.check()
@@ -55,17 +61,25 @@ def plan(
     refined, cost, error_limit = None, recipe.unrefined.cost(), math.inf
     if recipe.refinement:
         refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
+        if uncertainty:
+            refined = refine_robustly(problem, refined, uncertainty, rng, stop)
         controls, cost = refined.controls, cost + Cost(rollouts=refined.rollouts)
         error_limit = float(refined.errors_before.min()) + EXACT
     refined_at = perf_counter()
 
     states = rollout(problem.system, problem.initial_state, controls)
     errors = terminal_error(states[:, -1], problem.target_state)
-    best = best_candidate(problem, controls, states, errors, recipe.objective, error_limit)
+    ranked_by = errors
+    if uncertainty:
+        ranked_by, error_limit = uncertainty.risks(controls, problem.target_state), math.inf
+    best = best_candidate(problem, controls, states, ranked_by, recipe.objective, error_limit)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
     bound = None
     if recipe.reachability:
         bound = (refined and refined.reachability) or reachability(problem, stop)
+    robustness = None
+    if uncertainty:
+        robustness = judge(problem, controls[best], float(errors[best]), uncertainty)
     measured = perf_counter()
 
     return Plan(
@@ -77,6 +91,7 @@ def plan(
         control_smoothness=float(control_smoothness(controls[best])),
         stuck_steps=int(stuck),
         refinement=_effect(refined, best, float(errors[best])) if refined else None,
+        robustness=robustness,
         cost=cost,
         timing=Timing(
             queue=proposal.queue_ms,
@@ -105,7 +120,8 @@ def plan_multistep(
 ) -> MultistepPlan:
     """Plan to each of `target_states` in turn, from the state that the plan before it reached.
 
-    Segmented open-loop planning (paper, Sect. 3.5); arguments and errors as for `plan`.
+    Segmented open-loop planning (paper, Sect. 3.5); arguments and errors as for `plan`. Where the
+    plant is uncertain, each of its plants goes on from the state that it has come to itself.
 
     Args:
         problem: start, plant and horizon H; its target is not asked for.
@@ -125,6 +141,9 @@ def plan_multistep(
         segment = replace(problem, initial_state=state, target_state=target_state)
         segments.append(plan(segment, recipe, rng, stop))
         state = segments[-1].states[-1]
+        if recipe.uncertainty:
+            uncertainty = recipe.uncertainty.after(segments[-1].controls)
+            recipe = replace(recipe, uncertainty=uncertainty)
     return MultistepPlan(
         segments=tuple(segments),
         controls=np.concatenate([segment.controls for segment in segments]),

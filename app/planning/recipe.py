@@ -1,7 +1,7 @@
 """A caller's choices as one value: how to plan, whatever the problem."""
 
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, cast
 
 from app.planning.methods.base import LearnedProposal, Method, MethodOptions, Named
 from app.planning.methods.sampler import Samplers
@@ -9,6 +9,7 @@ from app.planning.methods.settling import able, settled
 from app.planning.objectives import TERMINAL_ERROR, Objective
 from app.planning.problem import Cost
 from app.planning.refining.refinement import Refinement
+from app.planning.uncertainty.uncertainty import Uncertainty
 
 Choice_co = TypeVar("Choice_co", bound=Named, covariant=True)
 
@@ -31,6 +32,9 @@ class Recipe(Generic[Choice_co]):
     """What ranks candidates that arrive equally well."""
     reachability: bool = False
     """Whether the plan also says how near any plan could come, which takes about 0.7 ms."""
+    uncertainty: Uncertainty | None = None
+    """Plants that may be the true one: their errors rank the candidates, and refinement is for all
+    of them. None plans for the plant of the problem alone."""
 
     def settled(self, samplers: Samplers | None) -> "Recipe[MethodOptions]":
         """Return the same with nothing left open; arguments and errors as for the method's."""
@@ -49,6 +53,9 @@ class Recipe(Generic[Choice_co]):
         cost = self.method.cost(self.num_candidates) + Cost(rollouts=self.num_candidates)
         if self.refinement:
             cost += self.refinement.cost(self.num_candidates, self.objective)
+        if self.uncertainty:
+            refined = self.refinement is not None
+            cost += self.uncertainty.cost(self.num_candidates, refined=refined)
         return cost
 
     @property
@@ -57,6 +64,5 @@ class Recipe(Generic[Choice_co]):
         return replace(self, refinement=None)
 
     def _with(self, method: Other) -> "Recipe[Other]":
-        return Recipe(
-            method, self.num_candidates, self.refinement, self.objective, self.reachability
-        )
+        same: Recipe[Named] = self
+        return cast(Recipe[Other], replace(same, method=method))

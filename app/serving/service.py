@@ -5,7 +5,7 @@ Plain blocking code: the routes plan in a thread, the command line calls it as i
 
 import secrets
 from collections.abc import Container, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
@@ -29,7 +29,9 @@ from app.planning.problem import (
 )
 from app.planning.reachable.reachability import Reachability
 from app.planning.recipe import Recipe
+from app.planning.uncertainty.robustness import Robustness
 from app.serving.admission import Work
+from app.serving.ensembles import uncertainty_of
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
@@ -87,7 +89,11 @@ class PlanningService:
         horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
         self._check_size(request, horizon, num_targets)
         _check_pending(request.pending_controls, system)
+        seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
         asked, model, samplers = request.recipe(), None, None
+        if request.uncertainty:
+            uncertainty = uncertainty_of(request.uncertainty, system, request.initial_state, seed)
+            asked = replace(asked, uncertainty=uncertainty)
         if needs_model(asked.method):
             model = named or self.models.covering(system, horizon)
             if not model.covers(system, horizon):
@@ -109,7 +115,6 @@ class PlanningService:
             kind=_kind(recipe),
             answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
         )
-        seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
         return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, work)
 
     def answer(self, resolved: "ResolvedRequest[Any]", waited_ms: float = 0.0) -> dict[str, Any]:
@@ -134,6 +139,9 @@ class PlanningService:
             assert self._engine is not None
             proposal = self._engine.bind(model, resolved.work)
         recipe = resolved.recipe.able(proposal)
+        if recipe.uncertainty:
+            pending = np.array(request.pending_controls)
+            recipe = replace(recipe, uncertainty=recipe.uncertainty.after(pending))
         rng = np.random.default_rng(resolved.seed)
         stop = resolved.work.stop
         if isinstance(request, MultistepPlanRequest):
@@ -275,6 +283,8 @@ def _kind(recipe: Recipe[MethodOptions]) -> str:
     """Return the kind of plans that take about as long for a simulated time step."""
     if recipe.refinement is None:
         return recipe.method.name
+    if recipe.uncertainty:
+        return f"{recipe.method.name}, refined for uncertain plants"
     return f"{recipe.method.name}, refined for {recipe.objective.name}"
 
 
@@ -296,6 +306,7 @@ def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, An
         "gap": result.gap,
         "reachability": result.reachability and _reachability_fields(result.reachability),
         "refinement": result.refinement and asdict(result.refinement),
+        "robustness": result.robustness and _robustness_fields(result.robustness),
         "control_energy": result.control_energy,
         "control_smoothness": result.control_smoothness,
         "stuck_steps": result.stuck_steps,
@@ -315,6 +326,13 @@ def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, An
 def _reachability_fields(reachability: Reachability) -> dict[str, Any]:
     """Return the fields of a `ReachabilityReport`; the domain knows more."""
     return {name: getattr(reachability, name) for name in ReachabilityReport.model_fields}
+
+
+def _robustness_fields(robustness: Robustness) -> dict[str, Any]:
+    """Return the fields of a `RobustnessReport`, with the risk as it was asked for."""
+    risk = robustness.risk
+    asked_for = {"cvar": risk.level} if risk.name == "cvar" else risk.name
+    return asdict(robustness) | {"risk": asked_for}
 
 
 def _multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> dict[str, Any]:

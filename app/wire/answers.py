@@ -4,6 +4,7 @@ from pydantic import ConfigDict, Field
 
 from app.planning.plant.system import System
 from app.wire.model import WireModel
+from app.wire.uncertainty import RobustnessReport
 
 
 class ModelReference(WireModel):
@@ -47,11 +48,12 @@ class RefinementReport(WireModel):
 
     error_before: float = Field(description="Of the best candidate as proposed.")
     error_after: float = Field(
-        description="Of the plan: never above `error_before` by more than rounding, 1e-12."
+        description="Of the plan: never above `error_before` by more than rounding, 1e-12, but "
+        "where `uncertainty` ranks plans by their risk."
     )
     replaced: bool = Field(
-        description="Whether a plan traced through the reachable set took the place of the "
-        "selected candidate."
+        description="Whether a plan traced through the reachable set, or found for uncertain "
+        "plants, took the place of the selected candidate."
     )
 
 
@@ -86,6 +88,7 @@ class Segment(WireModel):
     )
     reachability: ReachabilityReport | None = None
     refinement: RefinementReport | None = Field(None, description="Absent without `refine`.")
+    robustness: RobustnessReport | None = Field(None, description="Absent without `uncertainty`.")
     control_energy: float = Field(description="sum of u_k^2, (units of control)^2.")
     control_smoothness: float = Field(description="sum of (u_{k+1} - u_k)^2, (units of control)^2.")
     stuck_steps: int = Field(

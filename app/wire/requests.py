@@ -6,7 +6,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    Strict,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -22,15 +21,13 @@ from app.planning.plant.system import LARGEST, System
 from app.planning.problem import DEFAULT_HORIZON
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
-from app.wire.model import WireModel
+from app.wire.model import ARRAY, Asked
+from app.wire.uncertainty import Uncertainty
 
 MAX_TARGETS = 64
 MAX_PENDING_CONTROLS = 1024
 MAX_SEED = 2**53 - 1
 """The largest integer that every JSON reader keeps exactly."""
-
-ARRAY = Strict(False)
-"""A list or a tuple may stand for an array; what is in it is checked strictly all the same."""
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 State = Annotated[
@@ -72,19 +69,13 @@ def _machine_by_name(value: Any) -> Any:
     return MACHINES[value].system
 
 
-class _Asked(WireModel):
-    """A part of a request: of the very types that its schema names, and nothing beside."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class Initial(_Asked):
+class Initial(Asked):
     """Where an optimiser starts: the candidates of another method are its first population."""
 
     method: MethodField
 
 
-class _Request(_Asked):
+class _Request(Asked):
     initial_state: State = Field(
         description="Position (m) and velocity (m/s) now: before the pending controls, if there "
         "are any.",
@@ -143,6 +134,12 @@ class _Request(_Asked):
         description="What ranks candidates that arrive equally well, and with `refine` what is "
         "lowered among the plans that arrive: stuck steps by moving at once and waiting at the "
         "target, where that is at rest.",
+    )
+    uncertainty: Uncertainty | None = Field(
+        None,
+        description="Plan for a plant that is not known: candidates are ranked by their risk over "
+        "all plants that may be the true one, with `refine` plans are sought that come near on all "
+        "of them, and the answer has a `robustness`. `objective` then decides ties only.",
     )
     reachability: bool = Field(
         True,

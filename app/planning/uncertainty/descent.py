@@ -1,0 +1,211 @@
+"""Gauss-Newton on the terminal errors over an ensemble, within the control bounds: one candidate.
+
+What one plant makes of the controls is in refining/gauss_newton.py.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from app.compilation import compiled
+from app.planning.arrays import FloatArray, IntArray, copy_into
+from app.planning.plant.rollout import terminal_state
+from app.planning.plant.sensitivity import linearise
+from app.planning.refining.gauss_newton import distance
+from app.planning.stop import Flag
+from app.planning.uncertainty.ensemble import Scenarios, scenario
+from app.planning.uncertainty.risk import tail_weights
+
+INITIAL_DAMPING = 1e-2
+LESS_DAMPING, MORE_DAMPING = 0.3, 6.0
+LEAST_DAMPING = 1e-7
+MAX_TRIALS = 7
+STALLED = 1e-4
+"""A step that lowers the risk by a smaller share than this is the last one."""
+BLUNT = 2e-3
+"""m: errors below this are weighed as if they were squared."""
+
+
+@compiled
+def descend_risk(
+    controls: FloatArray,
+    scenarios: Scenarios,
+    counted: float,
+    squared: bool,
+    iterations: int,
+    stopped: Flag,
+) -> tuple[float, int]:
+    """Lower the risk of `controls` (H,) in place; return it and the rollouts.
+
+    Levenberg-Marquardt on the terminal errors of all scenarios, each by its weight. `squared`, the
+    risk is the mean of the squares and all weigh the same; otherwise it is the mean of the
+    `counted` greatest errors, and reweighting makes the squares stand for them: an error e that
+    counts weighs 1/e. The controls change only where the true rollouts improve, so the risk never
+    grows.
+    """
+    num_plants, horizon = len(scenarios.plants), controls.size
+    plant = scenario(scenarios, 0).plant
+    lowest, highest = plant.lowest_control, plant.highest_control
+    rows = np.empty((2 * num_plants, horizon))
+    residuals = np.empty(2 * num_plants)
+    errors, weights = np.empty(num_plants), np.empty(num_plants)
+    trial, gradient, step = np.empty(horizon), np.empty(horizon), np.empty(horizon)
+    free = np.empty(horizon, dtype=np.int64)
+    risk = _risk(controls, scenarios, counted, squared, errors, weights)
+    rollouts = num_plants
+    damping = INITIAL_DAMPING
+    for _ in range(iterations):
+        if stopped[0]:
+            break
+        scale = 0.0
+        gradient[:] = 0.0
+        for s in range(num_plants):
+            task = scenario(scenarios, s)
+            jacobian = rows[2 * s : 2 * s + 2]
+            p, v = linearise(controls, task, jacobian)
+            weight = 1.0 if squared else math.sqrt(weights[s] / (errors[s] + BLUNT))
+            residuals[2 * s] = weight * (p - task.target_position)
+            residuals[2 * s + 1] = weight * (v - task.target_velocity)
+            for k in range(horizon):
+                jacobian[0, k] *= weight
+                jacobian[1, k] *= weight
+                gradient[k] += jacobian[0, k] * residuals[2 * s]
+                gradient[k] += jacobian[1, k] * residuals[2 * s + 1]
+                scale += jacobian[0, k] ** 2 + jacobian[1, k] ** 2
+        rollouts += num_plants
+        if scale == 0.0:
+            break
+        num_free = 0
+        for k in range(horizon):
+            pressed = (controls[k] >= highest and gradient[k] < 0.0) or (
+                controls[k] <= lowest and gradient[k] > 0.0
+            )
+            if not pressed and gradient[k] != 0.0:
+                free[num_free] = k
+                num_free += 1
+        if num_free == 0:
+            break
+        normal = _normal_equations(rows, residuals, free[:num_free])
+        before = risk
+        for _ in range(MAX_TRIALS):
+            _damped_step(normal, damping * scale / horizon, step)
+            copy_into(trial, controls)
+            for j in range(num_free):
+                k = free[j]
+                trial[k] = min(highest, max(lowest, controls[k] + step[j]))
+            trial_risk = _risk(trial, scenarios, counted, squared, errors, weights)
+            rollouts += num_plants
+            if trial_risk < risk:
+                risk = trial_risk
+                copy_into(controls, trial)
+                damping = max(LESS_DAMPING * damping, LEAST_DAMPING)
+                break
+            damping *= MORE_DAMPING
+        if risk > (1.0 - STALLED) * before:
+            break
+    return risk, rollouts
+
+
+@compiled
+def _risk(
+    controls: FloatArray,
+    scenarios: Scenarios,
+    counted: float,
+    squared: bool,
+    errors: FloatArray,
+    weights: FloatArray,
+) -> float:
+    """Return the risk of `controls` (H,), and fill errors and weights (S,)."""
+    total = 0.0
+    for s in range(errors.size):
+        task = scenario(scenarios, s)
+        p, v = terminal_state(controls, task.position, task.velocity, task.plant)
+        errors[s] = distance(p, v, task)
+        total += errors[s] ** 2
+    if squared:
+        return total / errors.size
+    return tail_weights(errors, counted, weights)
+
+
+class _NormalEquations(NamedTuple):
+    """Of min |r + J d|^2 + damping |d|^2, the smaller of two systems; J is (M, N).
+
+    Either (J^T J + damping I) d = -J^T r of N unknowns, or d = -J^T z with
+    (J J^T + damping I) z = r of M.
+    """
+
+    by_rows: bool
+    """Whether it is the latter."""
+    factors: FloatArray
+    """J, or with `by_rows` J^T: the matrix is the sum of the outer products of its rows."""
+    matrix: FloatArray
+    """Without the damping; of what is symmetric the lower triangle."""
+    right: FloatArray
+
+
+@compiled
+def _normal_equations(
+    rows: FloatArray, residuals: FloatArray, free: IntArray
+) -> _NormalEquations:
+    """Return them for J = `rows` (M, H) at the columns `free` (N,), and r = `residuals` (M,)."""
+    num_rows, num_free = len(rows), free.size
+    by_rows = num_rows < num_free
+    size = num_rows if by_rows else num_free
+    inner = num_free if by_rows else num_rows
+    factors, right = np.empty((inner, size)), np.zeros(size)
+    for i in range(num_rows):
+        for j in range(num_free):
+            value = rows[i, free[j]]
+            if by_rows:
+                factors[j, i] = value
+            else:
+                factors[i, j] = value
+                right[j] -= value * residuals[i]
+    if by_rows:
+        copy_into(right, residuals)
+    matrix = np.zeros((size, size))
+    for a in range(inner):
+        for i in range(size):
+            value = factors[a, i]
+            for j in range(i + 1):
+                matrix[i, j] += value * factors[a, j]
+    return _NormalEquations(by_rows, factors, matrix, right)
+
+
+@compiled
+def _damped_step(normal: _NormalEquations, damping: float, step: FloatArray) -> None:
+    """Fill the first N of `step` with the minimiser d."""
+    matrix, solution = normal.matrix.copy(), normal.right.copy()
+    for i in range(solution.size):
+        matrix[i, i] += damping
+    _solve(matrix, solution)
+    if not normal.by_rows:
+        for j in range(solution.size):
+            step[j] = solution[j]
+        return
+    for j in range(len(normal.factors)):
+        step[j] = 0.0
+        for i in range(solution.size):
+            step[j] -= normal.factors[j, i] * solution[i]
+
+
+@compiled
+def _solve(matrix: FloatArray, right: FloatArray) -> None:
+    """Solve a positive definite system in place by Cholesky; only its lower triangle is read."""
+    size = right.size
+    for i in range(size):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / matrix[j, j]
+    for i in range(size):
+        value = right[i]
+        for k in range(i):
+            value -= matrix[i, k] * right[k]
+        right[i] = value / matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        right[i] /= matrix[i, i]
+        for k in range(i):
+            right[k] -= matrix[i, k] * right[i]

@@ -1,0 +1,58 @@
+"""What a plan is worth on plants that are not known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.planning.arrays import FloatArray
+from app.planning.problem import Problem
+from app.planning.uncertainty.risk import Risk
+from app.planning.uncertainty.uncertainty import Uncertainty
+
+TOLERANCES = (0.01, 0.05)
+"""m: errors that count as having arrived."""
+
+
+@dataclass(frozen=True, slots=True)
+class Robustness:
+    """Terminal errors of one plan over the plants that it is judged on, m."""
+
+    num_systems: int
+    risk: Risk
+    value: float
+    """The risk."""
+    mean_error: float
+    median_error: float
+    p90_error: float
+    worst_error: float
+    rms_error: float
+    within: dict[str, float]
+    """Share of the plants whose error is at most so much, by the tolerance in m."""
+    nominal_error: float
+    """On the plant of the problem."""
+    first_order_bound: float | None
+    """The least r.m.s. error of any control sequence, to first order; None where none is known."""
+
+
+def judge(
+    problem: Problem, controls: FloatArray, nominal_error: float, uncertainty: Uncertainty
+) -> Robustness:
+    """Carry `controls` (H,) out on every plant, and measure how near they end."""
+    errors = uncertainty.judges.errors(controls[np.newaxis], problem.target_state)[0]
+    bound = None
+    starts_are_known = np.all(uncertainty.ensemble.states == problem.initial_state)
+    if uncertainty.relative and starts_are_known:
+        bound = uncertainty.relative.least_rms_error(problem)
+    return Robustness(
+        num_systems=len(errors),
+        risk=uncertainty.risk,
+        value=float(uncertainty.risk.of(errors)),
+        mean_error=float(errors.mean()),
+        median_error=float(np.median(errors)),
+        p90_error=float(np.quantile(errors, 0.9)),
+        worst_error=float(errors.max()),
+        rms_error=float(np.sqrt(np.mean(errors**2))),
+        within={f"{limit:g}": float(np.mean(errors <= limit)) for limit in TOLERANCES},
+        nominal_error=nominal_error,
+        first_order_bound=bound,
+    )

@@ -1,0 +1,83 @@
+"""The robust refinement: successive halving from many motions to a plan of small risk.
+
+The descent of one of them is in descent.py.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.planning.problem import Problem
+from app.planning.refining.gauss_newton import terminal_error_of
+from app.planning.refining.refinement import Refined
+from app.planning.stop import NEVER, Stop
+from app.planning.uncertainty.descent import descend_risk
+from app.planning.uncertainty.motions import draw_motions
+from app.planning.uncertainty.uncertainty import FINISHED, NUM_FEW, STAGES, Uncertainty
+
+
+def refine_robustly(
+    problem: Problem,
+    refined: Refined,
+    uncertainty: Uncertainty,
+    rng: np.random.Generator,
+    stop: Stop = NEVER,
+) -> Refined:
+    """Put a plan of small risk in the place of the candidate of the greatest, if it is better.
+
+    Candidates and drawn motions are ranked by their mean squared error on a few plants; the best
+    descend it for a few steps, the best of these for some more. What is left descends on all
+    plants, and the best of it the risk itself. No candidate is lost to a worse one, so the best
+    risk is never above that of any candidate.
+
+    Args:
+        problem: start, target, plant and horizon H.
+        refined: candidates (K, H), which arrive on the plant of the problem as near as they can.
+        uncertainty: the plants, the risk, and how many motions to draw.
+        rng: draws them.
+        stop: ends the search early.
+
+    Raises:
+        Stopped: `stop` said so.
+    """
+    target, ensemble = problem.target_state, uncertainty.ensemble
+    few, everywhere = ensemble.spread(NUM_FEW), ensemble.scenarios(target)
+    counted = uncertainty.risk.num_counted(len(ensemble))
+    motions = draw_motions(rng, uncertainty.num_motions, problem.horizon, problem.system.plant)
+    plans = np.concatenate([refined.controls, motions])
+    losses = np.mean(few.errors(plans, target) ** 2, axis=-1)
+    rollouts = len(plans) * len(few)
+    on_few = few.scenarios(target)
+    for stage in STAGES:
+        plans = plans[np.argsort(losses, kind="stable")[: stage.count(uncertainty.num_motions)]]
+        losses = np.empty(len(plans))
+        for i, plan in enumerate(plans):
+            losses[i], spent = descend_risk(
+                plan, on_few, float(len(few)), True, stage.iterations, stop.flag
+            )
+            rollouts += spent
+    plans = plans[np.argsort(losses, kind="stable")[: FINISHED.count(uncertainty.num_motions)]]
+    for plan in plans:
+        _, spent = descend_risk(plan, everywhere, counted, True, FINISHED.iterations, stop.flag)
+        rollouts += spent
+    best = plans[np.argmin(uncertainty.risks(plans, target))]
+    risk, spent = descend_risk(best, everywhere, counted, False, FINISHED.iterations, stop.flag)
+    stop.check()
+
+    risks = uncertainty.risks(refined.controls, target)
+    rollouts += spent + (len(plans) + len(risks)) * len(ensemble)
+    worst = int(np.argmax(risks))
+    if risk >= risks[worst]:
+        return replace(refined, rollouts=refined.rollouts + rollouts)
+    controls, errors, replaced = (
+        array.copy() for array in (refined.controls, refined.errors, refined.replaced)
+    )
+    controls[worst], replaced[worst] = best, True
+    errors[worst] = terminal_error_of(best, problem.task)
+    return replace(
+        refined,
+        controls=controls,
+        errors=errors,
+        replaced=replaced,
+        rollouts=refined.rollouts + rollouts,
+    )

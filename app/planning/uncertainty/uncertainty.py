@@ -1,0 +1,74 @@
+"""What a plan is to cope with, as one value: the plants, the risk, and how hard to look."""
+
+from dataclasses import dataclass, replace
+
+from app.planning.arrays import FloatArray
+from app.planning.problem import Cost
+from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.relative import Relative
+from app.planning.uncertainty.risk import Risk
+
+NUM_FEW = 8
+"""Plants that stand for all of them where many motions are looked at."""
+NUM_JUDGES = 256
+"""Plants that a plan is judged on, where they can be drawn apart from those it was made with."""
+MAX_SYSTEMS = 128
+MAX_MOTIONS = 8192
+DEFAULT_MOTIONS = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stage of the successive halving: how many of the motions stay, and how far they descend."""
+
+    share: float
+    iterations: int
+
+    def count(self, num_motions: int) -> int:
+        """Return how many of `num_motions` stay: one at least."""
+        return max(1, round(self.share * num_motions))
+
+
+STAGES = Stage(1 / 8, 2), Stage(1 / 32, 6)
+"""On a few of the plants; what comes out of them is finished on all."""
+FINISHED = Stage(1 / 512, 40)
+ROLLOUTS_PER_ITERATION = 2.5
+"""On each plant, about: the slope, and the trials of a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """The plants that may be the true one, and what is wanted of a plan for them."""
+
+    ensemble: Ensemble
+    """What the plan is made for and ranked by."""
+    judges: Ensemble
+    """What it is judged on: drawn apart, or the same where the plants were given."""
+    risk: Risk = Risk()
+    num_motions: int = DEFAULT_MOTIONS
+    """Drawn, beside the candidates, as starts of a robust refinement."""
+    relative: Relative | None = None
+    """How the plants were drawn; None where they were given."""
+
+    def after(self, controls: FloatArray) -> "Uncertainty":
+        """Return what is uncertain once `controls` (N,) have been carried out."""
+        return replace(
+            self, ensemble=self.ensemble.after(controls), judges=self.judges.after(controls)
+        )
+
+    def risks(self, controls: FloatArray, target_state: FloatArray) -> FloatArray:
+        """Return the risk of each of `controls` (K, H): (K,), in m."""
+        return self.risk.of(self.ensemble.errors(controls, target_state))
+
+    def cost(self, num_candidates: int, *, refined: bool) -> Cost:
+        """Return what ranking and judging take, and with `refined` an estimate of the search."""
+        rollouts = num_candidates * len(self.ensemble) + len(self.judges)
+        if refined:
+            few = min(NUM_FEW, len(self.ensemble))
+            seeds = num_candidates + self.num_motions
+            rollouts += seeds * few
+            descents = sum(stage.count(self.num_motions) * stage.iterations for stage in STAGES)
+            rollouts += int(ROLLOUTS_PER_ITERATION * few * descents)
+            finished = (FINISHED.count(self.num_motions) + 1) * FINISHED.iterations
+            rollouts += int(ROLLOUTS_PER_ITERATION * len(self.ensemble) * finished)
+        return Cost(rollouts=rollouts)

@@ -1,0 +1,55 @@
+"""From what a request says of the plants that may be the true one to ensembles of them."""
+
+import numpy as np
+
+from app.planning.plant.system import System
+from app.planning.problem import as_state
+from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.relative import Implausible
+from app.planning.uncertainty.uncertainty import NUM_JUDGES, Uncertainty
+from app.serving.refusals import InvalidField
+from app.wire import uncertainty as wire
+from app.wire.requests import State
+
+SHARED = ("time_step", "control_limit")
+"""What a plan for all plants takes to be the same on each."""
+
+
+def uncertainty_of(
+    asked: wire.Uncertainty, system: System, initial_state: State, seed: int
+) -> Uncertainty:
+    """Return what a plan is to cope with; each of its plants is in the initial state.
+
+    Raises:
+        InvalidField: a plant has another time step or other limits, or there is no such plant.
+    """
+    state = as_state(initial_state)
+    if asked.systems is not None:
+        _check_shared(asked.systems, system)
+        given = Ensemble.of(asked.systems, state)
+        return Uncertainty(given, given, asked.measure, asked.num_motions)
+    assert asked.relative is not None
+    # Apart from the seed's own draws: a request without uncertainty has the same candidates.
+    design_rng, judges_rng = np.random.default_rng(seed).spawn(2)
+    try:
+        design = asked.relative.draw(system, asked.num_systems, design_rng)
+        judges = asked.relative.draw(system, NUM_JUDGES, judges_rng)
+    except Implausible as error:
+        raise InvalidField(f"/uncertainty/relative/{error.parameter}", str(error)) from None
+    return Uncertainty(
+        Ensemble.at(design, state),
+        Ensemble.at(judges, state),
+        asked.measure,
+        asked.num_motions,
+        asked.relative,
+    )
+
+
+def _check_shared(systems: list[System], system: System) -> None:
+    for index, other in enumerate(systems):
+        for name in SHARED:
+            if getattr(other, name) != getattr(system, name):
+                raise InvalidField(
+                    f"/uncertainty/systems/{index}/{name}",
+                    f"must be that of system, {getattr(system, name)}",
+                )

@@ -69,6 +69,12 @@ FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
     "[default: terminal_error]",
 )
 @click.option(
+    "--uncertainty",
+    metavar="JSON",
+    help="Plan for plants that are not known: their systems, or by what share parameters may be "
+    'off, such as {"relative": {"coulomb_friction": 0.1}}.',
+)
+@click.option(
     "--json",
     "json_file",
     **FILE,
@@ -87,6 +93,7 @@ def plan(
     \b
     breakaway plan --target-state 0.2 0 --refine
     breakaway plan --target-state 0.01 0 --system emps --method dataset_prior --refine
+    breakaway plan --target-state 0.2 0 --refine --uncertainty '{"relative": {"bias": 0.1}}'
     breakaway plan --request request.json --seed 7 --json plan.json
     """
     from rich.console import Console

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 AT_REST = (0.0, 0.0)
-NAME_OR_OBJECT = {"method", "system"}
-"""Fields that are a name, or an object in JSON."""
+NAME_OR_OBJECT = {"method", "system", "uncertainty"}
+"""Fields that are an object in JSON; for some of them a name may stand."""
 
 
 def read_request(
@@ -73,7 +73,7 @@ def _read_body(file: BinaryIO) -> dict[str, Any]:
 
 
 def _name_or_object(field: str, text: str) -> Any:
-    """Return a method or system as requests have it: its name, or an object."""
+    """Return the field of a request: a name as it is, or an object."""
     if not text.startswith("{"):
         return text
     return _parse(os.fsencode(text), {field: text}, f"/{field}")

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from app.wire.answers import CostReport, MultistepPlanResponse, PlanResponse, Segment, TimingReport
 from app.wire.requests import MultistepPlanRequest, PlanRequest
+from app.wire.uncertainty import CVaR, RobustnessReport
 
 HEADING_WIDTH = 8
 """Of a unit in the heading of a column, in characters."""
@@ -39,6 +40,8 @@ def print_plan(
         measures = _measures(answer, answer.control_unit)
         if answer.refinement is not None:
             measures.append(Measure("error unrefined", f"{answer.refinement.error_before:.6f}"))
+        if answer.robustness is not None:
+            measures += _robustness(answer.robustness)
     table = _new_table(show_header=False)
     for measure in [*measures, *_expense(answer.cost, answer.timing_ms)]:
         table.add_row(measure.name, f"{measure.text} {measure.unit}".rstrip())
@@ -77,12 +80,41 @@ def _measures(segment: Segment, control_unit: str) -> list[Measure]:
             measures.append(Measure("floor error", f"{segment.reachability.floor_error:.1e}", "m"))
     if segment.gap is not None:
         measures.append(Measure("gap", f"{segment.gap:.1e}"))
+    if segment.robustness is not None:
+        measures.append(_risk(segment.robustness))
     return [
         *measures,
         Measure("control energy", f"{segment.control_energy:.3f}", squared),
         Measure("control smoothness", f"{segment.control_smoothness:.3f}", squared),
         Measure("stuck steps", f"{segment.stuck_steps}"),
     ]
+
+
+def _risk(robustness: RobustnessReport) -> Measure:
+    """Return the risk over uncertain plants, by its name."""
+    risk = robustness.risk
+    name = f"CVaR {risk.cvar:g}" if isinstance(risk, CVaR) else risk
+    return Measure(f"{name} error", f"{robustness.value:.6f}")
+
+
+def _robustness(robustness: RobustnessReport) -> list[Measure]:
+    """Return what a plan is worth on uncertain plants, beside the risk."""
+    plants = f"on {robustness.num_systems} plants:"
+    measures = [
+        Measure(f"{plants} median", f"{robustness.median_error:.6f}"),
+        Measure("90 % within", f"{robustness.p90_error:.6f}"),
+        Measure("worst", f"{robustness.worst_error:.6f}"),
+        *(
+            Measure(f"share within {limit}", f"{100 * share:.0f} %")
+            for limit, share in robustness.within.items()
+        ),
+        Measure("r.m.s.", f"{robustness.rms_error:.6f}"),
+    ]
+    if robustness.first_order_bound is not None:
+        measures.append(
+            Measure("least r.m.s. of any plan, about", f"{robustness.first_order_bound:.6f}")
+        )
+    return measures
 
 
 def _over_all_segments(answer: MultistepPlanResponse) -> list[Measure]:

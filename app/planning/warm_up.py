@@ -9,6 +9,8 @@ from app.planning.problem import Problem
 from app.planning.reachable.trace import trace
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
+from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.uncertainty import Uncertainty
 
 _PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]))
 
@@ -18,6 +20,14 @@ def make_refined_plans() -> None:
     for objective in OBJECTIVES.values():
         recipe = Recipe(DatasetPrior(), 2, Refinement(), objective)
         plan(_PROBLEM, recipe, np.random.default_rng(0))
+
+
+def make_robust_plan() -> None:
+    """Plan for several plants."""
+    ensemble = Ensemble.of([_PROBLEM.system] * 2, _PROBLEM.initial_state)
+    uncertainty = Uncertainty(ensemble, ensemble, num_motions=2)
+    recipe = Recipe(DatasetPrior(), 2, Refinement(), uncertainty=uncertainty)
+    plan(_PROBLEM, recipe, np.random.default_rng(0))
 
 
 def make_bounded_plan() -> None:
@@ -35,5 +45,6 @@ def make_plans() -> None:
 def warm_up() -> None:
     """Make all of them."""
     make_refined_plans()
+    make_robust_plan()
     make_bounded_plan()
     make_plans()

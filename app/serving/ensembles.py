@@ -27,18 +27,20 @@ def uncertainty_of(
     if asked.systems is not None:
         _check_shared(asked.systems, system)
         given = Ensemble.of(asked.systems, state)
-        return Uncertainty(given, given, asked.measure, asked.num_motions)
+        return Uncertainty(given, given, None, asked.measure, asked.num_motions)
     assert asked.relative is not None
     # Apart from the seed's own draws: a request without uncertainty has the same candidates.
     design_rng, judges_rng = np.random.default_rng(seed).spawn(2)
     try:
         design = asked.relative.draw(system, asked.num_systems, design_rng)
         judges = asked.relative.draw(system, NUM_JUDGES, judges_rng)
+        corners = asked.relative.corners(system)
     except Implausible as error:
         raise InvalidField(f"/uncertainty/relative/{error.parameter}", str(error)) from None
     return Uncertainty(
         Ensemble.at(design, state),
         Ensemble.at(judges, state),
+        Ensemble.at(corners, state),
         asked.measure,
         asked.num_motions,
         asked.relative,

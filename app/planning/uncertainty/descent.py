@@ -58,32 +58,12 @@ def descend_risk(
     for _ in range(iterations):
         if stopped[0]:
             break
-        scale = 0.0
-        gradient[:] = 0.0
-        for s in range(num_plants):
-            task = scenario(scenarios, s)
-            jacobian = rows[2 * s : 2 * s + 2]
-            p, v = linearise(controls, task, jacobian)
-            weight = 1.0 if squared else math.sqrt(weights[s] / (errors[s] + BLUNT))
-            residuals[2 * s] = weight * (p - task.target_position)
-            residuals[2 * s + 1] = weight * (v - task.target_velocity)
-            for k in range(horizon):
-                jacobian[0, k] *= weight
-                jacobian[1, k] *= weight
-                gradient[k] += jacobian[0, k] * residuals[2 * s]
-                gradient[k] += jacobian[1, k] * residuals[2 * s + 1]
-                scale += jacobian[0, k] ** 2 + jacobian[1, k] ** 2
+        _weigh(errors, weights, squared)
+        scale = _linearise(controls, scenarios, weights, rows, residuals, gradient)
         rollouts += num_plants
         if scale == 0.0:
             break
-        num_free = 0
-        for k in range(horizon):
-            pressed = (controls[k] >= highest and gradient[k] < 0.0) or (
-                controls[k] <= lowest and gradient[k] > 0.0
-            )
-            if not pressed and gradient[k] != 0.0:
-                free[num_free] = k
-                num_free += 1
+        num_free = _find_free(controls, gradient, lowest, highest, free)
         if num_free == 0:
             break
         normal = _normal_equations(rows, residuals, free[:num_free])
@@ -105,6 +85,60 @@ def descend_risk(
         if risk > (1.0 - STALLED) * before:
             break
     return risk, rollouts
+
+
+@compiled
+def _weigh(errors: FloatArray, weights: FloatArray, squared: bool) -> None:
+    """Turn how much each error counts, `weights` (S,), into the weight of its square."""
+    for s in range(errors.size):
+        weights[s] = 1.0 if squared else weights[s] / (errors[s] + BLUNT)
+
+
+@compiled
+def _linearise(
+    controls: FloatArray,
+    scenarios: Scenarios,
+    weights: FloatArray,
+    rows: FloatArray,
+    residuals: FloatArray,
+    gradient: FloatArray,
+) -> float:
+    """Fill the weighted residuals (2S,), their derivatives `rows` (2S, H) and the gradient (H,).
+
+    Returns the sum of the squares of all derivatives.
+    """
+    scale = 0.0
+    gradient[:] = 0.0
+    for s in range(weights.size):
+        task = scenario(scenarios, s)
+        jacobian = rows[2 * s : 2 * s + 2]
+        p, v = linearise(controls, task, jacobian)
+        weight = math.sqrt(weights[s])
+        residuals[2 * s] = weight * (p - task.target_position)
+        residuals[2 * s + 1] = weight * (v - task.target_velocity)
+        for k in range(controls.size):
+            jacobian[0, k] *= weight
+            jacobian[1, k] *= weight
+            gradient[k] += jacobian[0, k] * residuals[2 * s]
+            gradient[k] += jacobian[1, k] * residuals[2 * s + 1]
+            scale += jacobian[0, k] ** 2 + jacobian[1, k] ** 2
+    return scale
+
+
+@compiled
+def _find_free(
+    controls: FloatArray, gradient: FloatArray, lowest: float, highest: float, free: IntArray
+) -> int:
+    """Fill `free` with the controls that can move to lower the risk; return how many there are."""
+    num_free = 0
+    for k in range(controls.size):
+        is_pressed = (controls[k] >= highest and gradient[k] < 0.0) or (
+            controls[k] <= lowest and gradient[k] > 0.0
+        )
+        if not is_pressed and gradient[k] != 0.0:
+            free[num_free] = k
+            num_free += 1
+    return num_free
 
 
 @compiled
@@ -145,9 +179,7 @@ class _NormalEquations(NamedTuple):
 
 
 @compiled
-def _normal_equations(
-    rows: FloatArray, residuals: FloatArray, free: IntArray
-) -> _NormalEquations:
+def _normal_equations(rows: FloatArray, residuals: FloatArray, free: IntArray) -> _NormalEquations:
     """Return them for J = `rows` (M, H) at the columns `free` (N,), and r = `residuals` (M,)."""
     num_rows, num_free = len(rows), free.size
     by_rows = num_rows < num_free

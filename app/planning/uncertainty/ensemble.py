@@ -58,6 +58,12 @@ class Ensemble:
             np.ascontiguousarray(self.states[::step][:count]),
         )
 
+    def joined(self, other: "Ensemble") -> "Ensemble":
+        """Return the plants of both."""
+        return Ensemble(
+            np.concatenate([self.plants, other.plants]), np.concatenate([self.states, other.states])
+        )
+
     def after(self, controls: FloatArray) -> "Ensemble":
         """Return the ensemble after `controls` (N,) have been carried out on each of its plants."""
         nowhere = self.scenarios(np.zeros(2))

@@ -15,8 +15,14 @@ from app.planning.plant.system import Plant
 
 FEWEST, MOST = 3, 7
 """Stretches of a motion."""
-HALF_PUSHES = 0.65, 0.45
-"""Shares of the limits: slow motions, and gentle brakes."""
+FULL, MEDIUM, GENTLE, HOLDING = range(4)
+KINDS = (FULL, FULL, MEDIUM, GENTLE, HOLDING)
+"""Of stretches, each as likely as another."""
+SHARES = (1.0, 0.65, 0.45)
+"""Of the limits, that a push of each kind takes: slow motions and gentle brakes, too."""
+
+FORWARD = 0.5
+"""Share of the pushes that are forward."""
 
 
 @compiled
@@ -25,7 +31,7 @@ def draw_motions(
 ) -> FloatArray:
     """Draw motions (N, H) of 3 to 7 stretches, whose ends are uniform over the horizon.
 
-    Two in five stretches push with the full limit, two with a part of it, one holds the mass.
+    Two in five stretches push with a full limit, two with a part of one, one holds the mass.
     """
     controls = np.empty((num_motions, horizon))
     holding = holding_control(plant)
@@ -39,14 +45,9 @@ def draw_motions(
             ends[j] = total
         k = 0
         for j in range(stretches):
-            kind = 5.0 * rng.random()
-            limit = plant.highest_control if rng.random() < 0.5 else plant.lowest_control
-            if kind < 2.0:
-                level = limit
-            elif kind < 4.0:
-                level = HALF_PUSHES[0] * limit if kind < 3.0 else HALF_PUSHES[1] * limit
-            else:
-                level = holding
+            kind = KINDS[int(len(KINDS) * rng.random())]
+            limit = plant.highest_control if rng.random() < FORWARD else plant.lowest_control
+            level = holding if kind == HOLDING else SHARES[kind] * limit
             level = min(plant.highest_control, max(plant.lowest_control, level))
             end = horizon if j == stretches - 1 else int(horizon * ends[j] / total)
             while k < end:

@@ -1,7 +1,7 @@
 """Parameters that are known to within a share of their value, and plants drawn within it."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -15,6 +15,10 @@ from app.planning.problem import Problem
 Share: TypeAlias = Annotated[float, Ge(0), Le(0.9)]
 SLICE = 8
 """A few plants stand for all of them: every so many are spread over the whole range as well."""
+NUM_CORNERS = 8
+SIGNS = (1, 2, 4, 3, 5, 6)
+"""For each parameter, the bits of a corner's number whose parity says on which end it is: an
+orthogonal array, in which any two parameters meet in all four ways."""
 COLUMNS = {
     "static_friction": ("static_forward", "static_backward"),
     "coulomb_friction": ("coulomb_forward", "coulomb_backward"),
@@ -55,17 +59,34 @@ class Relative(Options):
         Raises:
             Implausible: the damping would be too strong for the time step.
         """
+        return self._plants(system, np.array([_spread(num_plants, rng) for _ in COLUMNS]))
+
+    def corners(self, system: System) -> FloatArray:
+        """Return plants around `system` whose parameters are all as far off as may be: (8, ...).
+
+        Among them any two parameters are off in all four ways. Plants that are drawn seldom come
+        near, and a plan that is made for these alone may get stuck there.
+
+        Raises:
+            Implausible: the damping would be too strong for the time step.
+        """
+        numbers = np.arange(NUM_CORNERS)
+        ends = [1.0 - 2.0 * (np.bitwise_count(numbers & bits) % 2) for bits in SIGNS]
+        return self._plants(system, np.array(ends))
+
+    def _plants(self, system: System, places: FloatArray) -> FloatArray:
+        """Return the plants (S, ...) at `places` (parameters, S), in [-1, 1], of their ranges."""
         plant = system.plant
         damping = max(plant.damping_forward, plant.damping_backward)
         if damping * (1.0 + self.viscous_damping) * plant.time_step >= 1.0:
             raise Implausible(
                 "viscous_damping", "viscous_damping * time_step must stay below 1 on every plant"
             )
-        columns = dict(zip(Plant._fields, np.tile(plant, (num_plants, 1)).T, strict=True))
-        for field in fields(self):
-            factors = 1.0 + getattr(self, field.name) * _spread(num_plants, rng)
-            for column in COLUMNS[field.name]:
-                columns[column] *= factors
+        table = np.tile(plant, (places.shape[1], 1)).T
+        columns = dict(zip(Plant._fields, table, strict=True))
+        for (parameter, names), place in zip(COLUMNS.items(), places, strict=True):
+            for name in names:
+                columns[name] *= 1.0 + getattr(self, parameter) * place
         for direction in ("forward", "backward"):
             static, coulomb = columns[f"static_{direction}"], columns[f"coulomb_{direction}"]
             np.maximum(static, coulomb, out=static)
@@ -105,8 +126,8 @@ def _spread(count: int, rng: np.random.Generator) -> FloatArray:
     bins = np.argsort(rng.random((slices, SLICE)), axis=1)
     # Within each of the wide bins, every slice has a narrow one of its own.
     narrow = np.argsort(rng.random((slices, SLICE)), axis=0)
-    numbers = (bins * slices + np.take_along_axis(narrow, bins, axis=1) + rng.random(bins.shape)) / (
-        slices * SLICE
-    )
+    numbers = (
+        bins * slices + np.take_along_axis(narrow, bins, axis=1) + rng.random(bins.shape)
+    ) / (slices * SLICE)
     # The first of each slice, then the second of each: the slices lie in steps.
     return 2.0 * numbers.T.ravel()[:count] - 1.0

@@ -37,6 +37,9 @@ class Risk:
         return np.asarray(np.sort(errors, axis=-1) @ (weights / counted))
 
 
+MEAN = Risk()
+
+
 @compiled
 def tail_weights(errors: FloatArray, counted: float, weights: FloatArray) -> float:
     """Fill `weights` (S,) with how much each error counts, 0 to 1; return the risk.

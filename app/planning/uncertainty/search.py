@@ -27,8 +27,8 @@ def refine_robustly(
 
     Candidates and drawn motions are ranked by their mean squared error on a few plants; the best
     descend it for a few steps, the best of these for some more. What is left descends on all
-    plants, and the best of it the risk itself. No candidate is lost to a worse one, so the best
-    risk is never above that of any candidate.
+    plants, extreme ones too, and the best of it the risk itself. No candidate is lost to a worse
+    one, so the best risk is never above that of any candidate.
 
     Args:
         problem: start, target, plant and horizon H.
@@ -41,13 +41,13 @@ def refine_robustly(
         Stopped: `stop` said so.
     """
     target, ensemble = problem.target_state, uncertainty.ensemble
-    few, everywhere = ensemble.spread(NUM_FEW), ensemble.scenarios(target)
-    counted = uncertainty.risk.num_counted(len(ensemble))
+    few, refined_on = ensemble.spread(NUM_FEW), uncertainty.refined_on
+    on_few, everywhere = few.scenarios(target), refined_on.scenarios(target)
+    counted = uncertainty.risk.num_counted(len(refined_on))
     motions = draw_motions(rng, uncertainty.num_motions, problem.horizon, problem.system.plant)
     plans = np.concatenate([refined.controls, motions])
     losses = np.mean(few.errors(plans, target) ** 2, axis=-1)
     rollouts = len(plans) * len(few)
-    on_few = few.scenarios(target)
     for stage in STAGES:
         plans = plans[np.argsort(losses, kind="stable")[: stage.count(uncertainty.num_motions)]]
         losses = np.empty(len(plans))
@@ -61,17 +61,16 @@ def refine_robustly(
         _, spent = descend_risk(plan, everywhere, counted, True, FINISHED.iterations, stop.flag)
         rollouts += spent
     best = plans[np.argmin(uncertainty.risks(plans, target))]
-    risk, spent = descend_risk(best, everywhere, counted, False, FINISHED.iterations, stop.flag)
+    _, spent = descend_risk(best, everywhere, counted, False, FINISHED.iterations, stop.flag)
     stop.check()
 
-    risks = uncertainty.risks(refined.controls, target)
-    rollouts += spent + (len(plans) + len(risks)) * len(ensemble)
+    *risks, risk = uncertainty.risks(np.concatenate([refined.controls, best[np.newaxis]]), target)
+    rollouts += spent + (len(plans) + len(risks) + 1) * len(ensemble)
     worst = int(np.argmax(risks))
     if risk >= risks[worst]:
         return replace(refined, rollouts=refined.rollouts + rollouts)
-    controls, errors, replaced = (
-        array.copy() for array in (refined.controls, refined.errors, refined.replaced)
-    )
+    controls, errors = refined.controls.copy(), refined.errors.copy()
+    replaced = refined.replaced.copy()
     controls[worst], replaced[worst] = best, True
     errors[worst] = terminal_error_of(best, problem.task)
     return replace(

@@ -6,7 +6,7 @@ from app.planning.arrays import FloatArray
 from app.planning.problem import Cost
 from app.planning.uncertainty.ensemble import Ensemble
 from app.planning.uncertainty.relative import Relative
-from app.planning.uncertainty.risk import Risk
+from app.planning.uncertainty.risk import MEAN, Risk
 
 NUM_FEW = 8
 """Plants that stand for all of them where many motions are looked at."""
@@ -14,7 +14,7 @@ NUM_JUDGES = 256
 """Plants that a plan is judged on, where they can be drawn apart from those it was made with."""
 MAX_SYSTEMS = 128
 MAX_MOTIONS = 8192
-DEFAULT_MOTIONS = 2048
+DEFAULT_MOTIONS = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class Stage:
         return max(1, round(self.share * num_motions))
 
 
-STAGES = Stage(1 / 8, 2), Stage(1 / 32, 6)
+STAGES = Stage(1 / 8, 2), Stage(1 / 16, 6)
 """On a few of the plants; what comes out of them is finished on all."""
-FINISHED = Stage(1 / 512, 40)
+FINISHED = Stage(1 / 128, 40)
 ROLLOUTS_PER_ITERATION = 2.5
 """On each plant, about: the slope, and the trials of a step."""
 
@@ -44,7 +44,9 @@ class Uncertainty:
     """What the plan is made for and ranked by."""
     judges: Ensemble
     """What it is judged on: drawn apart, or the same where the plants were given."""
-    risk: Risk = Risk()
+    corners: Ensemble | None = None
+    """Extreme plants, on which a robust refinement looks as well."""
+    risk: Risk = MEAN
     num_motions: int = DEFAULT_MOTIONS
     """Drawn, beside the candidates, as starts of a robust refinement."""
     relative: Relative | None = None
@@ -53,8 +55,16 @@ class Uncertainty:
     def after(self, controls: FloatArray) -> "Uncertainty":
         """Return what is uncertain once `controls` (N,) have been carried out."""
         return replace(
-            self, ensemble=self.ensemble.after(controls), judges=self.judges.after(controls)
+            self,
+            ensemble=self.ensemble.after(controls),
+            judges=self.judges.after(controls),
+            corners=self.corners and self.corners.after(controls),
         )
+
+    @property
+    def refined_on(self) -> Ensemble:
+        """The ensemble and the corners."""
+        return self.ensemble.joined(self.corners) if self.corners else self.ensemble
 
     def risks(self, controls: FloatArray, target_state: FloatArray) -> FloatArray:
         """Return the risk of each of `controls` (K, H): (K,), in m."""
@@ -70,5 +80,5 @@ class Uncertainty:
             descents = sum(stage.count(self.num_motions) * stage.iterations for stage in STAGES)
             rollouts += int(ROLLOUTS_PER_ITERATION * few * descents)
             finished = (FINISHED.count(self.num_motions) + 1) * FINISHED.iterations
-            rollouts += int(ROLLOUTS_PER_ITERATION * len(self.ensemble) * finished)
+            rollouts += int(ROLLOUTS_PER_ITERATION * len(self.refined_on) * finished)
         return Cost(rollouts=rollouts)

@@ -16,14 +16,10 @@ _PROBLEM = Problem(np.zeros(2), np.array([0.2, 0.0]))
 
 
 def make_refined_plans() -> None:
-    """Refine towards each objective."""
+    """Refine towards each objective, and for several plants."""
     for objective in OBJECTIVES.values():
         recipe = Recipe(DatasetPrior(), 2, Refinement(), objective)
         plan(_PROBLEM, recipe, np.random.default_rng(0))
-
-
-def make_robust_plan() -> None:
-    """Plan for several plants."""
     ensemble = Ensemble.of([_PROBLEM.system] * 2, _PROBLEM.initial_state)
     uncertainty = Uncertainty(ensemble, ensemble, num_motions=2)
     recipe = Recipe(DatasetPrior(), 2, Refinement(), uncertainty=uncertainty)
@@ -45,6 +41,5 @@ def make_plans() -> None:
 def warm_up() -> None:
     """Make all of them."""
     make_refined_plans()
-    make_robust_plan()
     make_bounded_plan()
     make_plans()

@@ -11,7 +11,6 @@ from app.terminal import progress_line
 PLANNING = (
     Part("refinement", "app.planning.warm_up:make_refined_plans"),
     Part("the reachable set", "app.planning.warm_up:make_bounded_plan"),
-    Part("robust plans", "app.planning.warm_up:make_robust_plan"),
     Part("the methods", "app.planning.warm_up:make_plans"),
 )
 """Whoever plans needs them; the longest first."""

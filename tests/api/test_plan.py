@@ -370,3 +370,82 @@ def test_an_optimiser_starts_from_the_candidates_of_another_method(
     assert ("model" in started) == (initial == "action_diffusion")
     assert started["cost"]["network_evaluations"] == first["cost"]["network_evaluations"]
     assert started["cost"]["rollouts"] > first["cost"]["rollouts"]
+
+
+RELATIVE = {"static_friction": 0.1, "coulomb_friction": 0.1, "control_gain": 0.05}
+
+
+@pytest.mark.parametrize("refine", [False, True])
+@pytest.mark.parametrize("risk", ["mean", "worst", {"cvar": 0.5}])
+def test_given_plants_that_may_be_the_true_one_are_planned_for(
+    client: httpx.Client, refine: bool, risk: Any
+) -> None:
+    systems = [System(coulomb_friction=0.6 * f, control_gain=g) for f in (0.9, 1.1) for g in (1, 2)]
+    asked = {"method": "dataset_prior", "refine": refine, "seed": 5, "pending_controls": [0.9] * 4}
+    uncertainty = {"systems": [asdict(s) for s in systems], "risk": risk, "num_motions": 64}
+    answer = plan(client, **asked, uncertainty=uncertainty)
+    nominal = plan(client, **asked)
+
+    def risk_of(controls: list[float]) -> float:
+        sequence = np.array([[0.9] * 4 + controls])
+        ends = [rollout(system, np.zeros(2), sequence)[0, -1] for system in systems]
+        errors = np.sort([np.hypot(p - 0.2, v) for p, v in ends])
+        return float({"mean": errors, "worst": errors[-1:]}.get(str(risk), errors[-2:]).mean())
+
+    robustness = answer["robustness"]
+    assert robustness["risk"] == risk
+    assert robustness["num_systems"] == 4
+    assert robustness["value"] == pytest.approx(risk_of(answer["controls"]))
+    assert robustness["value"] <= risk_of(nominal["controls"])
+    assert robustness["nominal_error"] == answer["terminal_error"]
+    assert "first_order_bound" not in robustness
+    assert "robustness" not in nominal
+
+
+def test_plants_are_drawn_from_the_seed_and_the_least_error_is_told(client: httpx.Client) -> None:
+    uncertainty = {"relative": RELATIVE, "num_systems": 8, "num_motions": 64}
+    asked = {"method": "dataset_prior", "refine": True, "uncertainty": uncertainty}
+    answer = plan(client, **asked, seed=5)
+
+    assert without_timing(answer) == without_timing(plan(client, **asked, seed=5))
+    robustness = answer["robustness"]
+    assert robustness["num_systems"] == 256
+    assert robustness["value"] == pytest.approx(robustness["mean_error"])
+    assert robustness["first_order_bound"] == pytest.approx(0.2 * 0.0258199, rel=1e-4)
+    assert robustness["rms_error"] > 0.9 * robustness["first_order_bound"]
+    assert set(robustness["within"]) == {"0.01", "0.05"}
+
+
+def test_every_segment_is_judged_from_where_each_plant_is(client: httpx.Client) -> None:
+    uncertainty = {"relative": RELATIVE, "num_systems": 8, "num_motions": 64}
+    answer = plan_multistep(
+        client, method="dataset_prior", refine=True, uncertainty=uncertainty, seed=5
+    )
+    first, *others = (segment["robustness"] for segment in answer["segments"])
+    assert "first_order_bound" in first
+    assert all("first_order_bound" not in other for other in others)
+
+
+@pytest.mark.parametrize(
+    ("uncertainty", "pointer"),
+    [
+        ({}, "/uncertainty"),
+        ({"relative": {}, "systems": [{}]}, "/uncertainty"),
+        ({"systems": []}, "/uncertainty/systems"),
+        ({"systems": [{"time_step": 0.01}]}, "/uncertainty/systems/0/time_step"),
+        ({"systems": [{"coulomb_friction": 2}]}, "/uncertainty/systems/0"),
+        ({"relative": {"friction": 0.1}}, "/uncertainty/relative/friction"),
+        ({"relative": {"bias": 1}}, "/uncertainty/relative/bias"),
+        ({"relative": {}, "risk": {"cvar": 1}}, "/uncertainty/risk/cvar"),
+        ({"relative": {}, "risk": "median"}, "/uncertainty/risk"),
+        ({"relative": {}, "num_systems": 129}, "/uncertainty/num_systems"),
+        ({"relative": {}, "num_motions": 0}, "/uncertainty/num_motions"),
+    ],
+)
+def test_what_no_uncertainty_can_be_is_pointed_at(
+    client: httpx.Client, uncertainty: dict[str, Any], pointer: str
+) -> None:
+    body = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "dataset_prior"}
+    response = client.post("/plan", json=body | {"uncertainty": uncertainty})
+    assert response.status_code == 422
+    assert pointer in [error["pointer"] for error in response.json()["errors"]]

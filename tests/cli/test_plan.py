@@ -254,3 +254,25 @@ def test_wrong_usage_is_said(options: tuple[str, ...], message: str) -> None:
     done = invoke("plan", *options)
     assert done.exit_code == 2
     assert message in done.stderr
+
+
+def test_a_plan_for_uncertain_plants_says_what_it_is_worth(empty_store: str) -> None:
+    uncertainty = json.dumps({"relative": {"coulomb_friction": 0.1}, "num_motions": 16})
+    asked = (*UNIFORM, "--refine", "--uncertainty", uncertainty)
+    done = invoke("plan", *asked, "--json", "-", BREAKAWAY_MODEL_STORE=empty_store)
+    assert done.exit_code == 0, done.stderr
+    robustness = PlanResponse.model_validate_json(done.stdout).robustness
+    assert robustness is not None
+    for number in (robustness.value, robustness.median_error, robustness.worst_error):
+        assert f"{number:.6f}" in done.stderr
+
+
+def test_uncertainty_that_is_none_is_refused_by_its_option(empty_store: str) -> None:
+    for text, place in (
+        ('{"relative": {"bias": 2}}', "--uncertainty /relative/bias: "),
+        ('{"systems": [{"time_step": 0.01}]}', "--uncertainty /systems/0/time_step: "),
+        ("much", "--uncertainty: "),
+    ):
+        done = invoke("plan", *UNIFORM, "--uncertainty", text, BREAKAWAY_MODEL_STORE=empty_store)
+        assert done.exit_code == 1
+        assert place in done.stderr

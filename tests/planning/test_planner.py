@@ -23,6 +23,10 @@ from app.planning.plant.system import ByDirection, ControlLimits, System
 from app.planning.problem import Cost, PlanningError, Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
+from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.relative import Relative
+from app.planning.uncertainty.risk import MEAN, Risk
+from app.planning.uncertainty.uncertainty import Uncertainty
 from tests.planning.fakes import EVERY_METHOD, LEARNED, Fixed, every_method
 
 SYSTEM = System()
@@ -382,3 +386,56 @@ def test_other_units_of_length_give_the_same_floor_and_a_plan_that_arrives(
         factor * usual.reachability.floor, abs=1e-8 * max(1.0, factor)
     )
     assert scaled.gap == pytest.approx(0.0, abs=1e-6 * max(1.0, factor))
+
+
+SHARES = Relative(static_friction=0.1, coulomb_friction=0.1, control_gain=0.05)
+
+
+def uncertain(problem: Problem = PROBLEM, risk: Risk = MEAN) -> Uncertainty:
+    drawn = SHARES.draw(problem.system, 16, np.random.default_rng(5))
+    ensemble = Ensemble.at(drawn, problem.initial_state)
+    return Uncertainty(ensemble, ensemble, risk=risk, num_motions=64, relative=SHARES)
+
+
+@every_method
+@pytest.mark.parametrize("refinement", [None, Refinement()], ids=["proposed", "refined"])
+@pytest.mark.parametrize("risk", [MEAN, Risk("worst"), Risk("cvar", 0.8)], ids=lambda r: r.name)
+def test_the_risk_over_uncertain_plants_ranks_and_is_never_above_that_of_the_nominal_plan(
+    method: Method, refinement: Refinement | None, risk: Risk
+) -> None:
+    recipe = Recipe(method, 6, refinement)
+    uncertainty = uncertain(risk=risk)
+    nominal = planned(recipe)
+    robust = planned(replace(recipe, uncertainty=uncertainty))
+
+    target = PROBLEM.target_state
+    risks = uncertainty.risks(robust.candidates.controls, target)
+    assert robust.robustness is not None
+    assert robust.robustness.value == pytest.approx(risks.min(), abs=1e-12)
+    assert risks.min() <= uncertainty.risks(nominal.controls[np.newaxis], target)[0]
+    assert robust.robustness.nominal_error == robust.terminal_error
+    assert robust.cost.rollouts > nominal.cost.rollouts
+    assert nominal.robustness is None
+
+
+def test_of_plans_of_the_same_risk_the_objective_decides() -> None:
+    same = np.repeat([[0.0], [0.5], [-0.1]], 64, axis=1)  # nothing moves on any plant
+    problem = Problem(np.zeros(2), np.array([0.4, 0.0]))
+    recipe = Recipe(Fixed(same), 3, objective=CONTROL_ENERGY, uncertainty=uncertain(problem))
+
+    assert np.all(planned(recipe, problem).controls == 0.0)
+
+
+def test_from_target_to_target_each_plant_goes_on_from_where_it_is() -> None:
+    problem = Problem(np.zeros(2), np.array([9.0, 9.0]), SYSTEM, 32)
+    uncertainty = uncertain(problem)
+    recipe = Recipe(DatasetPrior(), 4, Refinement(), uncertainty=uncertainty)
+    plans = plan_multistep(problem, TARGETS[:2], recipe, np.random.default_rng(0))
+
+    for count, segment in enumerate(plans.segments, 1):
+        controls = plans.controls[np.newaxis, : 32 * count]
+        errors = uncertainty.ensemble.errors(controls, TARGETS[count - 1])[0]
+        assert segment.robustness is not None
+        assert segment.robustness.mean_error == pytest.approx(errors.mean())
+        # Only the first one starts where every plant is.
+        assert (segment.robustness.first_order_bound is None) == (count > 1)

@@ -86,7 +86,9 @@ def parts(
     two = {"forward": 0.5, "backward": 0.5, "lower": -1, "upper": 2}
     needed = {key: two[key] for key in schema.get("required", []) if key in two}
     for key, part in properties.items():
-        yield key, part, partial(with_member, good or tag | needed, key)
+        # Plants that may be the true one are given, or drawn.
+        drawn = {"relative": {}} if "num_motions" in properties and key != "systems" else {}
+        yield key, part, partial(with_member, good or tag | needed | drawn, key)
     if "items" in schema:
         yield 0, schema["items"], lambda value: [value]
     for index, part in enumerate(schema.get("prefixItems", [])):
@@ -139,6 +141,9 @@ def test_the_schemas_were_walked_to_their_ends() -> None:
         "/system/control_limit/lower",
         "/pending_controls/0",
         "/refine/repair",
+        "/uncertainty/relative/bias",
+        "/uncertainty/systems/0/time_step",
+        "/uncertainty/risk/cvar",
         "/method/prior/num_segments",
         "/initial/method/smoothing_window",
     } <= pointers

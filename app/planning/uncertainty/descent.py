@@ -23,6 +23,8 @@ LEAST_DAMPING = 1e-7
 MAX_TRIALS = 7
 STALLED = 1e-4
 """A step that lowers the risk by a smaller share than this is the last one."""
+STEEPNESS = 8.0
+"""How fast the weight of errors that do not count falls with their share of those that do."""
 BLUNT = 2e-3
 """m: errors below this are weighed as if they were squared."""
 
@@ -89,9 +91,21 @@ def descend_risk(
 
 @compiled
 def _weigh(errors: FloatArray, weights: FloatArray, squared: bool) -> None:
-    """Turn how much each error counts, `weights` (S,), into the weight of its square."""
+    """Turn how much each error counts, `weights` (S,), into the weight of its square.
+
+    Those that do not count weigh less the smaller they are, but for nothing they count as soon as
+    a step makes them grow.
+    """
+    least_counted = math.inf
     for s in range(errors.size):
-        weights[s] = 1.0 if squared else weights[s] / (errors[s] + BLUNT)
+        if weights[s] > 0.0:
+            least_counted = min(least_counted, errors[s])
+    for s in range(errors.size):
+        if squared:
+            weights[s] = 1.0
+        else:
+            share = (errors[s] + BLUNT) / (least_counted + BLUNT)
+            weights[s] = min(1.0, share**STEEPNESS) / (errors[s] + BLUNT)
 
 
 @compiled

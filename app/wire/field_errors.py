@@ -9,10 +9,16 @@ from typing import Any, NamedTuple, TypeAlias, get_args, get_type_hints
 from app.planning.plant.system import ByDirection, ControlLimits, System
 from app.planning.refining.refinement import Refinement
 from app.wire.problems import FieldError, json_pointer
+from app.wire.uncertainty import CVaR
 
 Keys: TypeAlias = tuple[int | str, ...]
 
-WRONG_TYPES = {"float_type": "a number", "dataclass_type": "an object"}
+WRONG_TYPES = {
+    "float_type": "a number",
+    "dataclass_type": "an object",
+    "model_type": "an object",
+    "literal_error": "one of some names",
+}
 """Errors of a union's member that does not take such a value at all, and what it takes."""
 OBJECTS = {
     System.__name__: "an object, or the name of a machine",
@@ -21,6 +27,7 @@ OBJECTS = {
         kind.__name__: f"an object with {' and '.join(field.name for field in fields(kind))}"
         for kind in (ByDirection, ControlLimits)
     },
+    CVaR.__name__: "an object with cvar",
 }
 """What stands for a dataclass, where that is not just an object."""
 UNIONS = {
@@ -130,5 +137,6 @@ def _detail(item: Mapping[str, Any]) -> str:
 
 def _taken(item: Mapping[str, Any]) -> str:
     """Return what is taken where a value of another type stands."""
-    taken = WRONG_TYPES[item["type"]]
-    return OBJECTS.get(item.get("ctx", {}).get("class_name", ""), taken)
+    context = item.get("ctx", {})
+    taken = str(context.get("expected", WRONG_TYPES[item["type"]]))
+    return OBJECTS.get(context.get("class_name", ""), taken)

@@ -18,8 +18,9 @@ class CVaR(Asked):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"cvar": 0.9}]})
 
-    cvar: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = Field(
-        description="The share of the plants that do not count: 0.9 for the worst tenth."
+    cvar: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = Field(
+        description="The share of the plants that do not count: 0.9 for the worst tenth, 1 for the "
+        "worst plant."
     )
 
 

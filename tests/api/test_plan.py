@@ -436,7 +436,7 @@ def test_every_segment_is_judged_from_where_each_plant_is(client: httpx.Client) 
         ({"systems": [{"coulomb_friction": 2}]}, "/uncertainty/systems/0"),
         ({"relative": {"friction": 0.1}}, "/uncertainty/relative/friction"),
         ({"relative": {"bias": 1}}, "/uncertainty/relative/bias"),
-        ({"relative": {}, "risk": {"cvar": 1}}, "/uncertainty/risk/cvar"),
+        ({"relative": {}, "risk": {"cvar": 1.5}}, "/uncertainty/risk/cvar"),
         ({"relative": {}, "risk": "median"}, "/uncertainty/risk"),
         ({"relative": {}, "num_systems": 129}, "/uncertainty/num_systems"),
         ({"relative": {}, "num_motions": 0}, "/uncertainty/num_motions"),

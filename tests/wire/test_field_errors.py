@@ -109,3 +109,16 @@ def test_a_key_that_is_called_like_a_kind_does_no_harm() -> None:
         "/system/coulomb_friction/ByDirection": "Unexpected keyword argument",
         "/system/coulomb_friction/constrained-float": "Unexpected keyword argument",
     }
+
+
+@pytest.mark.parametrize("value", ["median", 0.9, None, True, ["mean"]])
+def test_what_is_neither_a_name_nor_an_object_gets_one_error(value: Any) -> None:
+    detail = "must be 'mean' or 'worst', or an object with cvar"
+    uncertainty = {"relative": {}, "risk": value}
+    assert faults(uncertainty=uncertainty) == {"/uncertainty/risk": detail}
+
+
+def test_of_a_risk_that_is_an_object_its_own_errors_are_told() -> None:
+    for risk, pointer in (({"cvar": 2}, "cvar"), ({"cvar": "1"}, "cvar"), ({}, "cvar")):
+        found = faults(uncertainty={"relative": {}, "risk": risk})
+        assert list(found) == [f"/uncertainty/risk/{pointer}"]

@@ -87,7 +87,8 @@ def parts(
     needed = {key: two[key] for key in schema.get("required", []) if key in two}
     for key, part in properties.items():
         # Plants that may be the true one are given, or drawn.
-        drawn = {"relative": {}} if "num_motions" in properties and key != "systems" else {}
+        is_drawn = "num_motions" in properties and key != "systems"
+        drawn: dict[str, Any] = {"relative": {}} if is_drawn else {}
         yield key, part, partial(with_member, good or tag | needed | drawn, key)
     if "items" in schema:
         yield 0, schema["items"], lambda value: [value]

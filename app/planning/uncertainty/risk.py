@@ -18,7 +18,7 @@ class Risk:
 
     name: RiskName = "mean"
     level: float = 0.0
-    """Of a CVaR: the share of the plants that do not count, in [0, 1)."""
+    """Of a CVaR: the share of the plants that do not count, in [0, 1]; the worst does."""
 
     def num_counted(self, num_plants: int) -> float:
         """Return how many of the greatest errors count; the last of them may count in part."""

@@ -21,6 +21,7 @@ ERRORS = np.array([0.4, 0.1, 0.3, 0.2])
         (Risk("cvar", 0.625), (0.4 + 0.5 * 0.3) / 1.5),
         # Less than one plant is one.
         (Risk("cvar", 0.99), 0.4),
+        (Risk("cvar", 1.0), 0.4),
     ],
 )
 def test_it_is_the_mean_of_the_greatest_errors(risk: Risk, value: float) -> None:

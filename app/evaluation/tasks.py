@@ -8,7 +8,8 @@ import numpy as np
 
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import ByDirection, System
-from app.planning.problem import DEFAULT_HORIZON
+from app.planning.problem import DEFAULT_HORIZON, Problem
+from app.planning.reachable.reachability import reachability
 
 Task: TypeAlias = Mapping[str, Any]
 """Fields of a request: where it starts, its target or targets, and what else all methods share."""
@@ -55,6 +56,20 @@ def transition_tasks(num_tasks: int, seed: int) -> list[Task]:
         velocity = rng.uniform(-MAX_VELOCITY, MAX_VELOCITY) if task % 2 else 0.0
         target = rng.uniform(-MAX_POSITION, MAX_POSITION), velocity
         tasks.append({"initial_state": start, "target_state": target})
+    return tasks
+
+
+def reachable_tasks(num_tasks: int, seed: int) -> list[Task]:
+    """Draw starts as `transition_tasks` does, and targets at rest within reach of the horizon."""
+    tasks: list[Task] = []
+    for task in range(num_tasks):
+        rng = np.random.default_rng([seed, task])
+        while True:
+            position, target = rng.uniform(-MAX_POSITION, MAX_POSITION, 2).tolist()
+            start = position, float(rng.uniform(-MAX_VELOCITY, MAX_VELOCITY))
+            if reachability(Problem(np.array(start), np.array([target, 0.0]))).reachable:
+                break
+        tasks.append({"initial_state": start, "target_state": (target, 0.0)})
     return tasks
 
 

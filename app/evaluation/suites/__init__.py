@@ -10,6 +10,7 @@ from app.evaluation.suites.multistep_reference import MultistepReference
 from app.evaluation.suites.plant_sensitivity import PlantSensitivity
 from app.evaluation.suites.random_machines import RandomMachines
 from app.evaluation.suites.random_targets import RandomTargets
+from app.evaluation.suites.robust import Robust
 from app.evaluation.suites.sample_budget import SampleBudget
 from app.evaluation.suites.sampler_frontier import SamplerFrontier
 from app.evaluation.suites.single_target import SingleTarget
@@ -27,6 +28,7 @@ SUITES: dict[str, type[Suite]] = {
         RandomMachines,
         AnyMachine,
         PlantSensitivity,
+        Robust,
         LearnedPrior,
         SamplerFrontier,
     )

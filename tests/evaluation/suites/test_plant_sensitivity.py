@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from app.evaluation.answer_log import Answer
-from app.evaluation.entrants import CEM, DATASET_PRIOR, ENTRANTS
+from app.evaluation.entrants import CEM, DATASET_PRIOR
 from app.evaluation.question import Entrant, Question
 from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.plant_sensitivity import (
@@ -13,6 +13,8 @@ from app.evaluation.suites.plant_sensitivity import (
     NOMINAL,
     PARAMETERS,
     PLANTS,
+    ROBUST,
+    TESTED,
     PlantSensitivity,
     changed_plant,
 )
@@ -52,7 +54,7 @@ def section(errors: dict[tuple[Entrant, Plant], float]) -> Section:
             "executed_error": errors.get((entrant, plant), 0.01) + 0.03 * (task == 0),
             "nominal_floor": 0.005,
         }
-        for entrant in ENTRANTS
+        for entrant in TESTED
         for task in range(SUITE.size.tasks)
         for plant in PLANTS
     ]
@@ -64,13 +66,13 @@ def test_everybody_gets_the_first_random_transitions_with_the_same_seeds() -> No
     elsewhere = RandomTargets(seed=3, quick=True)
     tasks = elsewhere.draw_tasks(elsewhere.size.tasks, elsewhere.seed)[: SUITE.size.tasks]
     nominal = [{**task, "include": [], "system": None} for task in tasks]
-    assert_asked_alike(SUITE, nominal, len(ENTRANTS))
+    assert_asked_alike(SUITE, nominal, len(TESTED))
     assert all(question.trajectories for question in SUITE.questions())
 
 
 def test_two_hundred_tasks_at_k_32() -> None:
     questions = list(PlantSensitivity(seed=3).questions())
-    assert len({question.key for question in questions}) == 200 * len(ENTRANTS)
+    assert len({question.key for question in questions}) == 200 * len(TESTED)
     assert {question.request.num_candidates for question in questions} == {32}
 
 
@@ -192,4 +194,13 @@ def test_a_panel_for_each_parameter_has_a_line_of_each_method(plain: Section) ->
         "Control limit",
     ]
     for axes in panels:
-        assert [line.get_label() for line in axes.containers] == [of.label for of in ENTRANTS]
+        assert [line.get_label() for line in axes.containers] == [of.label for of in TESTED]
+
+
+def test_robust_plans_stand_beside_the_nominal_ones() -> None:
+    (asked,) = {
+        str(question.request.uncertainty)
+        for question in SUITE.questions()
+        if question.labels["entrant"] == ROBUST.label
+    }
+    assert "control_gain=0.1" in asked

@@ -1,5 +1,8 @@
 """What a plan takes is known before it is made: exactly, or about where it is refined."""
 
+from dataclasses import fields
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,8 @@ from app.planning.planner import plan
 from app.planning.problem import Cost, Problem
 from app.planning.recipe import Recipe
 from app.planning.refining.refinement import Refinement
+from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.uncertainty import Uncertainty
 from tests.planning.fakes import Fixed, NoiseAsControls, every_method
 
 PROBLEM = Problem(np.array([0.1, -0.2]), np.array([0.4, 0.0]))
@@ -34,16 +39,23 @@ def test_the_cost_of_a_learned_method_is_known_once_its_model_has_settled_it() -
 
 
 def test_settling_a_method_and_giving_it_a_model_leave_the_rest_of_the_recipe_alone() -> None:
-    refinement = Refinement(repair=False)
-    asked = Recipe(ActionDiffusion(), 3, refinement, CONTROL_ENERGY, reachability=True)
+    ensemble = Ensemble.of([PROBLEM.system], PROBLEM.initial_state)
+    chosen: dict[str, Any] = {
+        "num_candidates": 3,
+        "refinement": Refinement(repair=False),
+        "objective": CONTROL_ENERGY,
+        "reachability": True,
+        "uncertainty": Uncertainty(ensemble, ensemble),
+    }
+    assert {"method", *chosen} == {field.name for field in fields(Recipe)}
 
-    able = asked.settled(PAPER_MODEL_SAMPLERS).able(NoiseAsControls())
+    settled = Recipe(ActionDiffusion(), **chosen).settled(PAPER_MODEL_SAMPLERS)
+    able = settled.able(NoiseAsControls())
 
     assert isinstance(able.method, Learned)
-    assert able.num_candidates == 3
-    assert able.refinement is refinement
-    assert able.objective is CONTROL_ENERGY
-    assert able.reachability
+    for name, value in chosen.items():
+        assert getattr(settled, name) is value
+        assert getattr(able, name) is value
 
 
 @every_method

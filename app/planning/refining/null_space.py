@@ -10,6 +10,7 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray, IntArray, copy_into
+from app.planning.linear_systems import solve_semidefinite
 from app.planning.plant.motion import Motion, free_velocity_rates, free_velocity_row, motion_of
 from app.planning.plant.rollout import terminal_state
 from app.planning.plant.sensitivity import linearise
@@ -32,7 +33,6 @@ WORTHWHILE = 1e-5
 MAX_TRIALS = 7
 RELEASED = 1e-8
 """A multiplier of the wrong sign counts from this share of the control range on."""
-DEPENDENT = 1e-11
 FREE, LOW, HIGH = 0, -1, 1
 
 
@@ -252,7 +252,7 @@ def _newton_step(
         for j in range(num_rows):
             schur[i, j] = np.sum(rows[i] * solved[j])
         multipliers[i] = np.sum(rows[i] * solved[num_rows])
-    _solve_semidefinite(schur, multipliers)
+    solve_semidefinite(schur, multipliers)
     for k in range(horizon):
         reduced[k] = gradient[k]
         direction[k] = -solved[num_rows, k]
@@ -278,30 +278,6 @@ def _solve_tridiagonal(
         for k in range(horizon - 2, -1, -1):
             right_hand_sides[i, k] -= coupling[k] * right_hand_sides[i, k + 1]
             right_hand_sides[i, k] /= diagonal[k]
-
-
-@compiled
-def _solve_semidefinite(matrix: FloatArray, unknowns: FloatArray) -> None:
-    """Solve in place by elimination; a row that depends on those before it gets zero."""
-    size = unknowns.size
-    original = np.empty(size)
-    for i in range(size):
-        original[i] = matrix[i, i]
-    for i in range(size):
-        if matrix[i, i] <= DEPENDENT * original[i]:
-            continue
-        for j in range(i + 1, size):
-            factor = matrix[j, i] / matrix[i, i]
-            for k in range(matrix.shape[1]):
-                matrix[j, k] -= factor * matrix[i, k]
-            unknowns[j] -= factor * unknowns[i]
-    for i in range(size - 1, -1, -1):
-        if matrix[i, i] <= DEPENDENT * original[i]:
-            unknowns[i] = 0.0
-            continue
-        for j in range(i + 1, size):
-            unknowns[i] -= matrix[i, j] * unknowns[j]
-        unknowns[i] /= matrix[i, i]
 
 
 @compiled

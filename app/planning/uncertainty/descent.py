@@ -1,10 +1,10 @@
 """Gauss-Newton on the terminal errors over an ensemble, within the control bounds: one candidate.
 
-What one plant makes of the controls is in refining/gauss_newton.py.
+What one plant makes of the controls is in refining/gauss_newton.py, the linear algebra of a step in
+normal_equations.py.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from app.planning.plant.sensitivity import linearise
 from app.planning.refining.gauss_newton import distance
 from app.planning.stop import Flag
 from app.planning.uncertainty.ensemble import Scenarios, scenario
+from app.planning.uncertainty.normal_equations import damped_step, normal_equations
 from app.planning.uncertainty.risk import tail_weights
 
 INITIAL_DAMPING = 1e-2
@@ -68,10 +69,10 @@ def descend_risk(
         num_free = _find_free(controls, gradient, lowest, highest, free)
         if num_free == 0:
             break
-        normal = _normal_equations(rows, residuals, free[:num_free])
+        normal = normal_equations(rows, residuals, free[:num_free])
         before = risk
         for _ in range(MAX_TRIALS):
-            _damped_step(normal, damping * scale / horizon, step)
+            damped_step(normal, damping * scale / horizon, step)
             copy_into(trial, controls)
             for j in range(num_free):
                 k = free[j]
@@ -174,84 +175,3 @@ def _risk(
     if squared:
         return total / errors.size
     return tail_weights(errors, counted, weights)
-
-
-class _NormalEquations(NamedTuple):
-    """Of min |r + J d|^2 + damping |d|^2, the smaller of two systems; J is (M, N).
-
-    Either (J^T J + damping I) d = -J^T r of N unknowns, or d = -J^T z with
-    (J J^T + damping I) z = r of M.
-    """
-
-    by_rows: bool
-    """Whether it is the latter."""
-    factors: FloatArray
-    """J, or with `by_rows` J^T: the matrix is the sum of the outer products of its rows."""
-    matrix: FloatArray
-    """Without the damping; of what is symmetric the lower triangle."""
-    right: FloatArray
-
-
-@compiled
-def _normal_equations(rows: FloatArray, residuals: FloatArray, free: IntArray) -> _NormalEquations:
-    """Return them for J = `rows` (M, H) at the columns `free` (N,), and r = `residuals` (M,)."""
-    num_rows, num_free = len(rows), free.size
-    by_rows = num_rows < num_free
-    size = num_rows if by_rows else num_free
-    inner = num_free if by_rows else num_rows
-    factors, right = np.empty((inner, size)), np.zeros(size)
-    for i in range(num_rows):
-        for j in range(num_free):
-            value = rows[i, free[j]]
-            if by_rows:
-                factors[j, i] = value
-            else:
-                factors[i, j] = value
-                right[j] -= value * residuals[i]
-    if by_rows:
-        copy_into(right, residuals)
-    matrix = np.zeros((size, size))
-    for a in range(inner):
-        for i in range(size):
-            value = factors[a, i]
-            for j in range(i + 1):
-                matrix[i, j] += value * factors[a, j]
-    return _NormalEquations(by_rows, factors, matrix, right)
-
-
-@compiled
-def _damped_step(normal: _NormalEquations, damping: float, step: FloatArray) -> None:
-    """Fill the first N of `step` with the minimiser d."""
-    matrix, solution = normal.matrix.copy(), normal.right.copy()
-    for i in range(solution.size):
-        matrix[i, i] += damping
-    _solve(matrix, solution)
-    if not normal.by_rows:
-        for j in range(solution.size):
-            step[j] = solution[j]
-        return
-    for j in range(len(normal.factors)):
-        step[j] = 0.0
-        for i in range(solution.size):
-            step[j] -= normal.factors[j, i] * solution[i]
-
-
-@compiled
-def _solve(matrix: FloatArray, right: FloatArray) -> None:
-    """Solve a positive definite system in place by Cholesky; only its lower triangle is read."""
-    size = right.size
-    for i in range(size):
-        for j in range(i + 1):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / matrix[j, j]
-    for i in range(size):
-        value = right[i]
-        for k in range(i):
-            value -= matrix[i, k] * right[k]
-        right[i] = value / matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        right[i] /= matrix[i, i]
-        for k in range(i):
-            right[k] -= matrix[i, k] * right[i]

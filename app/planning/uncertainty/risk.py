@@ -34,7 +34,8 @@ class Risk:
         weights[-whole:] = 1.0
         if whole < len(weights):
             weights[-whole - 1] = counted - whole
-        return np.asarray(np.sort(errors, axis=-1) @ (weights / counted))
+        # A product of matrices would round otherwise for one plan than for it among others.
+        return np.asarray(np.sum(np.sort(errors, axis=-1) * (weights / counted), axis=-1))
 
 
 MEAN = Risk()

@@ -64,10 +64,10 @@ def refine_robustly(
     _, spent = descend_risk(best, everywhere, counted, False, FINISHED.iterations, stop.flag)
     stop.check()
 
-    *risks, risk = uncertainty.risks(np.concatenate([refined.controls, best[np.newaxis]]), target)
+    risks = uncertainty.risks(refined.controls, target)
     rollouts += spent + (len(plans) + len(risks) + 1) * len(ensemble)
     worst = int(np.argmax(risks))
-    if risk >= risks[worst]:
+    if uncertainty.risks(best[np.newaxis], target)[0] >= risks[worst]:
         return replace(refined, rollouts=refined.rollouts + rollouts)
     controls, errors = refined.controls.copy(), refined.errors.copy()
     replaced = refined.replaced.copy()

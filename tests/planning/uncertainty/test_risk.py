@@ -37,3 +37,10 @@ def test_the_weights_of_the_kernel_make_the_same_number(errors: list[float], lev
         assert value == pytest.approx(risk.of(np.array(errors)), abs=1e-12)
         assert weights.sum() == pytest.approx(counted)
         assert (weights @ errors) / counted == pytest.approx(value, abs=1e-12)
+
+
+@given(st.integers(1, 40), st.integers(0, 2**32))
+def test_it_is_to_the_last_bit_the_same_alone_and_among_others(num_plants: int, seed: int) -> None:
+    errors = np.random.default_rng(seed).random((5, num_plants))
+    for risk in (MEAN, Risk("worst"), Risk("cvar", 0.7)):
+        assert risk.of(errors).tolist() == [float(risk.of(alone)) for alone in errors]

@@ -59,7 +59,7 @@ class Relative(Options):
         Raises:
             Implausible: the damping would be too strong for the time step.
         """
-        return self._plants(system, np.array([_spread(num_plants, rng) for _ in COLUMNS]))
+        return self._plants(system, _spread(len(COLUMNS), num_plants, rng))
 
     def corners(self, system: System) -> FloatArray:
         """Return plants around `system` whose parameters are all as far off as may be: (8, ...).
@@ -120,14 +120,15 @@ class Relative(Options):
         return displacement / math.sqrt(sum(3.0 / share**2 for share in shares))
 
 
-def _spread(count: int, rng: np.random.Generator) -> FloatArray:
-    """Draw numbers (count,) spread evenly over [-1, 1), those of each slice as well."""
+def _spread(num_rows: int, count: int, rng: np.random.Generator) -> FloatArray:
+    """Draw rows of numbers (num_rows, count) spread evenly over [-1, 1), each slice's as well."""
     slices = math.ceil(count / SLICE)
-    bins = np.argsort(rng.random((slices, SLICE)), axis=1)
+    shape = num_rows, slices, SLICE
+    bins = np.argsort(rng.random(shape), axis=2)
     # Within each of the wide bins, every slice has a narrow one of its own.
-    narrow = np.argsort(rng.random((slices, SLICE)), axis=0)
-    numbers = (
-        bins * slices + np.take_along_axis(narrow, bins, axis=1) + rng.random(bins.shape)
-    ) / (slices * SLICE)
+    narrow = np.argsort(rng.random(shape), axis=1)
+    numbers = (bins * slices + np.take_along_axis(narrow, bins, axis=2) + rng.random(shape)) / (
+        slices * SLICE
+    )
     # The first of each slice, then the second of each: the slices lie in steps.
-    return 2.0 * numbers.T.ravel()[:count] - 1.0
+    return 2.0 * numbers.transpose(0, 2, 1).reshape(num_rows, -1)[:, :count] - 1.0

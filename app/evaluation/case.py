@@ -18,6 +18,8 @@ SYMBOLS = {
     "static_friction": "f_s",
     "refined_by": "Refined by",
     "machine": "Machine",
+    "off_by": "off by",
+    "horizon": "H",
 }
 """What tables call that which suites vary."""
 

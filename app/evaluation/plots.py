@@ -108,9 +108,16 @@ def with_legend(figure: Figure, caption: str, columns: int = 1) -> Picture:
     return Picture(caption, figure)
 
 
-def draw_shares(axes: Axes, case: Case, measure: str, largest: float, xlabel: str) -> None:
-    """Draw the share of a case's rows whose measure is at most e, over e up to `largest`."""
-    values = np.sort(case.values(measure)).clip(LEAST_ERROR)
+def draw_shares(
+    axes: Axes,
+    case: Case,
+    measure: str,
+    largest: float,
+    xlabel: str,
+    least: float = LEAST_ERROR,
+) -> None:
+    """Draw the share of a case's rows whose measure is at most e, over `least` to `largest`."""
+    values = np.sort(case.values(measure)).clip(least)
     axes.stairs(
         np.arange(1, len(values) + 1) / len(values),
         [*values, max(values[-1], largest)],
@@ -123,7 +130,7 @@ def draw_shares(axes: Axes, case: Case, measure: str, largest: float, xlabel: st
         title=case.place,
         xlabel=xlabel,
         xscale="log",
-        xlim=(LEAST_ERROR, largest),
-        xticks=np.geomspace(LEAST_ERROR, largest, 4),
+        xlim=(least, largest),
+        xticks=np.geomspace(least, largest, 4),
         ylim=(0, 1.02),
     )

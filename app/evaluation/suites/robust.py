@@ -36,8 +36,8 @@ DISPLACEMENTS = (0.1, 0.2, 0.4)
 AT_THE_BOUND = {"num_systems": 128}
 """More plants: a mean square has no mercy on those that are missed."""
 MAX_REPETITIONS = 20
-LEAST = 1e-3
-"""m: the figure's left edge."""
+LEAST, LARGEST = 1e-3, 1.0
+"""m: the figure's edges."""
 ERROR, RATIO = "executed_error", "ratio"
 
 ROBUST = Entrant("Robust", REFINED_PRIOR.fields, Look(GREEN, "o", "-"))
@@ -140,22 +140,8 @@ class Robust(Suite):
         panels = figure.subplots(1, len(SETTINGS), sharey=True)
         for axes, (share, horizon) in zip(panels, SETTINGS, strict=True):
             for case in cases_of(data, self.size.entrants):
-                errors = np.sort(case.at(off_by=share, horizon=horizon).values(ERROR))
-                axes.stairs(
-                    np.arange(1, len(errors) + 1) / len(errors),
-                    [*errors.clip(LEAST), max(errors[-1], 1.0)],
-                    baseline=None,
-                    color=case.entrant.look.color,
-                    ls=case.entrant.look.ls,
-                    label=case.entrant.label,
-                )
-            axes.set(
-                title=f"{percent(share)}, {horizon} steps",
-                xlabel="executed error e (m)",
-                xscale="log",
-                xlim=(LEAST, 1.0),
-                ylim=(0, 1.02),
-            )
+                place = case.at(off_by=share, horizon=horizon)
+                plots.draw_shares(axes, place, ERROR, LARGEST, "executed error e (m)", LEAST)
         panels[0].set_ylabel("share of plants within e")
         return plots.with_legend(
             figure,

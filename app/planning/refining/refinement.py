@@ -67,9 +67,10 @@ class Refined:
     errors_before: FloatArray
     """(K,), terminal errors of the candidates as they came."""
     errors: FloatArray
-    """(K,), terminal errors of `controls`: none above the one before, give or take 1e-12."""
+    """(K,), terminal errors of `controls`: none above the one before, give or take 1e-12, but for
+    that of a plan from the robust search."""
     replaced: BoolArray
-    """(K,), whether a traced plan took the candidate's place."""
+    """(K,), whether a traced plan, or one from the robust search, took the candidate's place."""
     rollouts: int
     """Rollouts spent, of the whole horizon or a part of it."""
     reachability: Reachability | None

@@ -11,8 +11,11 @@ from app.serving.refusals import InvalidField
 from app.wire import uncertainty as wire
 from app.wire.requests import State
 
-SHARED = ("time_step", "control_limit")
-"""What a plan for all plants takes to be the same on each."""
+SHARED = {
+    "time_step": ("time_step",),
+    "control_limit": ("lowest_control", "highest_control"),
+}
+"""What a plan for all plants takes to be the same on each, and what of a `Plant` that is."""
 
 
 def uncertainty_of(
@@ -27,7 +30,7 @@ def uncertainty_of(
     if asked.systems is not None:
         _check_shared(asked.systems, system)
         given = Ensemble.of(asked.systems, state)
-        return Uncertainty(given, given, None, asked.measure, asked.num_motions)
+        return Uncertainty(given, given, risk=asked.measure, num_motions=asked.num_motions)
     assert asked.relative is not None
     # Apart from the seed's own draws: a request without uncertainty has the same candidates.
     design_rng, judges_rng = np.random.default_rng(seed).spawn(2)
@@ -38,19 +41,19 @@ def uncertainty_of(
     except Implausible as error:
         raise InvalidField(f"/uncertainty/relative/{error.parameter}", str(error)) from None
     return Uncertainty(
-        Ensemble.at(design, state),
-        Ensemble.at(judges, state),
-        Ensemble.at(corners, state),
-        asked.measure,
-        asked.num_motions,
-        asked.relative,
+        ensemble=Ensemble.at(design, state),
+        judges=Ensemble.at(judges, state),
+        corners=Ensemble.at(corners, state),
+        risk=asked.measure,
+        num_motions=asked.num_motions,
+        relative=asked.relative,
     )
 
 
 def _check_shared(systems: list[System], system: System) -> None:
     for index, other in enumerate(systems):
-        for name in SHARED:
-            if getattr(other, name) != getattr(system, name):
+        for name, parts in SHARED.items():
+            if any(getattr(other.plant, part) != getattr(system.plant, part) for part in parts):
                 raise InvalidField(
                     f"/uncertainty/systems/{index}/{name}",
                     f"must be that of system, {getattr(system, name)}",

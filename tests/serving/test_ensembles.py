@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.planning.plant.system import System
+from app.planning.plant.system import ControlLimits, System
 from app.planning.uncertainty.risk import Risk
 from app.planning.uncertainty.uncertainty import NUM_JUDGES
 from app.serving.ensembles import uncertainty_of
@@ -14,7 +14,8 @@ STATE = (0.1, -0.2)
 
 
 def test_given_plants_are_taken_as_they_are() -> None:
-    others = [System(), System(control_gain=1.1)]
+    # The same limits, said otherwise.
+    others = [System(), System(control_gain=1.1, control_limit=ControlLimits(-0.9, 0.9))]
     asked = Uncertainty(systems=others, risk="worst", num_motions=5)
     uncertainty = uncertainty_of(asked, System(), STATE, 7)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
+from app.planning.metrics import terminal_error
 from app.planning.plant.rollout import terminal_state
 from app.planning.plant.system import Plant, System
 from app.planning.plant.task import Task
@@ -66,13 +67,16 @@ class Ensemble:
 
     def after(self, controls: FloatArray) -> "Ensemble":
         """Return the ensemble after `controls` (N,) have been carried out on each of its plants."""
-        nowhere = self.scenarios(np.zeros(2))
-        return replace(self, states=terminal_states(controls[np.newaxis], nowhere)[0])
+        return replace(self, states=self.terminal_states(controls[np.newaxis])[0])
 
     def errors(self, controls: FloatArray, target_state: FloatArray) -> FloatArray:
         """Return the terminal errors ||x_H - x*|| of `controls` (K, H) on every plant: (K, S)."""
-        states = terminal_states(controls, self.scenarios(target_state))
-        return np.asarray(np.linalg.norm(states - target_state, axis=-1))
+        return terminal_error(self.terminal_states(controls), target_state)
+
+    def terminal_states(self, controls: FloatArray) -> FloatArray:
+        """Return the states that `controls` (K, H) lead to on every plant: (K, S, 2)."""
+        nowhere = self.scenarios(np.zeros(2))
+        return _terminal_states(np.ascontiguousarray(controls, dtype=np.float64), nowhere)
 
     def scenarios(self, target_state: FloatArray) -> Scenarios:
         """Return the task of getting to `target_state` (2,) as the kernels take it."""
@@ -120,8 +124,3 @@ def _terminal_states(controls: FloatArray, scenarios: Scenarios) -> FloatArray:
             p, v = terminal_state(controls[i], task.position, task.velocity, task.plant)
             states[i, s, 0], states[i, s, 1] = p, v
     return states
-
-
-def terminal_states(controls: FloatArray, scenarios: Scenarios) -> FloatArray:
-    """Return the states that `controls` (K, H) lead to on every plant: (K, S, 2)."""
-    return _terminal_states(np.ascontiguousarray(controls, dtype=np.float64), scenarios)

@@ -416,11 +416,12 @@ def test_plants_are_drawn_from_the_seed_and_the_least_error_is_told(client: http
     assert set(robustness["within"]) == {"0.01", "0.05"}
 
 
-def test_every_segment_is_judged_from_where_each_plant_is(client: httpx.Client) -> None:
+@pytest.mark.parametrize("method", ["dataset_prior", "action_diffusion"])
+def test_every_segment_is_judged_from_where_each_plant_is(
+    client: httpx.Client, method: str
+) -> None:
     uncertainty = {"relative": RELATIVE, "num_systems": 8, "num_motions": 64}
-    answer = plan_multistep(
-        client, method="dataset_prior", refine=True, uncertainty=uncertainty, seed=5
-    )
+    answer = plan_multistep(client, method=method, refine=True, uncertainty=uncertainty, seed=5)
     first, *others = (segment["robustness"] for segment in answer["segments"])
     assert "first_order_bound" in first
     assert all("first_order_bound" not in other for other in others)

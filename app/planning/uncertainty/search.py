@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.planning.arrays import FloatArray
 from app.planning.problem import Problem
 from app.planning.refining.gauss_newton import terminal_error_of
 from app.planning.refining.refinement import Refined
@@ -40,12 +41,35 @@ def refine_robustly(
     Raises:
         Stopped: `stop` said so.
     """
+    plan, rollouts = _search(problem, refined.controls, uncertainty, rng, stop)
+    stop.check()
+    risks = uncertainty.risks(refined.controls, problem.target_state)
+    (risk,) = uncertainty.risks(plan[np.newaxis], problem.target_state)
+    rollouts += refined.rollouts + (len(risks) + 1) * len(uncertainty.ensemble)
+    worst = int(np.argmax(risks))
+    if risk >= risks[worst]:
+        return replace(refined, rollouts=rollouts)
+    controls, errors = refined.controls.copy(), refined.errors.copy()
+    replaced = refined.replaced.copy()
+    controls[worst], replaced[worst] = plan, True
+    errors[worst] = terminal_error_of(plan, problem.task)
+    return replace(refined, controls=controls, errors=errors, replaced=replaced, rollouts=rollouts)
+
+
+def _search(
+    problem: Problem,
+    candidates: FloatArray,
+    uncertainty: Uncertainty,
+    rng: np.random.Generator,
+    stop: Stop,
+) -> tuple[FloatArray, int]:
+    """Return the plan (H,) that the halving ends with, and the rollouts; stopped, any plan."""
     target, ensemble = problem.target_state, uncertainty.ensemble
     few, refined_on = ensemble.spread(NUM_FEW), uncertainty.refined_on
     on_few, everywhere = few.scenarios(target), refined_on.scenarios(target)
     counted = uncertainty.risk.num_counted(len(refined_on))
     motions = draw_motions(rng, uncertainty.num_motions, problem.horizon, problem.system.plant)
-    plans = np.concatenate([refined.controls, motions])
+    plans = np.concatenate([candidates, motions])
     losses = np.mean(few.errors(plans, target) ** 2, axis=-1)
     rollouts = len(plans) * len(few)
     for stage in STAGES:
@@ -62,21 +86,4 @@ def refine_robustly(
         rollouts += spent
     best = plans[np.argmin(uncertainty.risks(plans, target))]
     _, spent = descend_risk(best, everywhere, counted, False, FINISHED.iterations, stop.flag)
-    stop.check()
-
-    risks = uncertainty.risks(refined.controls, target)
-    rollouts += spent + (len(plans) + len(risks) + 1) * len(ensemble)
-    worst = int(np.argmax(risks))
-    if uncertainty.risks(best[np.newaxis], target)[0] >= risks[worst]:
-        return replace(refined, rollouts=refined.rollouts + rollouts)
-    controls, errors = refined.controls.copy(), refined.errors.copy()
-    replaced = refined.replaced.copy()
-    controls[worst], replaced[worst] = best, True
-    errors[worst] = terminal_error_of(best, problem.task)
-    return replace(
-        refined,
-        controls=controls,
-        errors=errors,
-        replaced=replaced,
-        rollouts=refined.rollouts + rollouts,
-    )
+    return best, rollouts + spent + len(plans) * len(ensemble)

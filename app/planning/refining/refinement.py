@@ -1,8 +1,8 @@
 """Refinement: from the candidates of any method to plans that arrive, through the true dynamics.
 
 A wrapper around every method: it takes candidates and returns candidates. The descent of one of
-them is in gauss_newton.py, other motions in repair.py, energy and smoothness in null_space.py,
-stuck steps in waiting.py.
+them is in gauss_newton.py, energy and smoothness in null_space.py, stuck steps in waiting.py; a
+plan where none arrives comes from reachable/trace.py.
 """
 
 from dataclasses import dataclass

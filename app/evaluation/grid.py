@@ -43,34 +43,44 @@ def of_cases(caption: str, cases: Sequence[Case], *columns: Column[Case], part: 
     return table(caption, cases, (METHOD, *map(varied, cases[0].where), *columns), part)
 
 
+def elsewhere(heading: str, cell: Callable[[Case], str], **where: Any) -> Column[Case]:
+    """Show the cell of a case at another place, nothing where it has no rows there."""
+
+    def shown(case: Case) -> str:
+        there = case.at(**where)
+        return cell(there) if len(there.rows) else ""
+
+    return Column(heading, shown)
+
+
 def spread(heading: str, measure: str, digits: int, **where: Any) -> Column[Case]:
     """Show mean ± standard deviation of a measure, of the case or of it at another place."""
 
     def cell(case: Case) -> str:
-        values = case.at(**where).values(measure)
+        values = case.values(measure)
         return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
 
-    return Column(heading, cell)
+    return elsewhere(heading, cell, **where)
 
 
 def mean(heading: str, measure: str, digits: int, **where: Any) -> Column[Case]:
     """Show the mean of a measure, of the case or of it at another place."""
-    return Column(heading, lambda case: f"{case.at(**where).mean(measure):.{digits}f}")
+    return elsewhere(heading, lambda case: f"{case.mean(measure):.{digits}f}", **where)
 
 
-def median(heading: str, measure: str, digits: int) -> Column[Case]:
-    """Show the median of a measure."""
-    return Column(heading, lambda case: f"{np.median(case.values(measure)):.{digits}f}")
+def median(heading: str, measure: str, digits: int, **where: Any) -> Column[Case]:
+    """Show the median of a measure, of the case or of it at another place."""
+    return elsewhere(heading, lambda case: f"{np.median(case.values(measure)):.{digits}f}", **where)
 
 
 def within(heading: str, measure: str, limit: float, **where: Any) -> Column[Case]:
     """Show the share of the rows whose measure is at most `limit`, of the case or elsewhere."""
-    return Column(heading, lambda case: percent(case.at(**where).share_within(measure, limit)))
+    return elsewhere(heading, lambda case: percent(case.share_within(measure, limit)), **where)
 
 
-def share(heading: str, measure: str, digits: int) -> Column[Case]:
-    """Show the share of the rows for which a measure, true or false, is true."""
-    return Column(heading, lambda case: percent(case.mean(measure), digits))
+def share(heading: str, measure: str, digits: int, **where: Any) -> Column[Case]:
+    """Show the share of the rows for which a measure, true or false, is true; or elsewhere."""
+    return elsewhere(heading, lambda case: percent(case.mean(measure), digits), **where)
 
 
 def others(heading: str, other: Entrant, cell: Callable[[Case], str]) -> Column[Case]:

@@ -41,13 +41,14 @@ class ServedModels:
             EvaluationError: there is no model for it.
         """
         request, samplers = question.request, None
-        if _needs_model(question):
+        recipe = request.recipe()
+        if needs_model(recipe.method):
             model = self._model_for(request)
             if model is None:
                 wanted = request.model or f"that was trained for {request.system or self.nominal}"
                 raise EvaluationError(f"the service has no model {wanted}")
             samplers = model.samplers
-        each, count = request.recipe().settled(samplers).unrefined.cost(), question.num_plans
+        each, count = recipe.settled(samplers).unrefined.cost(), question.num_plans
         return Cost(count * each.network_evaluations, count * each.rollouts)
 
     def _model_for(self, request: AnyRequest) -> ModelDescription | None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.metrics import diversity
 from app.planning.problem import Cost, Timing
 from app.planning.reachable.reachability import Reachability
 from app.planning.uncertainty.robustness import Robustness
@@ -20,8 +21,11 @@ class RankedCandidates:
     """(K, H+1, 2)."""
     terminal_errors: FloatArray
     """(K,)."""
-    diversity: float
-    """How far they lie apart, in units of control."""
+
+    @property
+    def diversity(self) -> float:
+        """How far they lie apart, in units of control."""
+        return diversity(self.controls)
 
 
 @dataclass(frozen=True, slots=True)

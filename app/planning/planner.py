@@ -12,13 +12,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.methods.base import Method
-from app.planning.metrics import (
-    control_energy,
-    control_smoothness,
-    diversity,
-    stuck_steps,
-    terminal_error,
-)
+from app.planning.metrics import control_energy, control_smoothness, stuck_steps, terminal_error
 from app.planning.objectives import best_candidate
 from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
 from app.planning.plant.rollout import rollout
@@ -99,7 +93,7 @@ def plan(
             refine=(refined_at - proposed) * 1e3,
             rollout=(measured - refined_at) * 1e3,
         ),
-        candidates=RankedCandidates(controls, states, errors, diversity(controls)),
+        candidates=RankedCandidates(controls, states, errors),
     )
 
 

@@ -1,6 +1,7 @@
 """Whatever ends an evaluation or the service meanwhile: it goes on, to the same report."""
 
 import asyncio
+import lzma
 import random
 import shutil
 import signal
@@ -215,6 +216,23 @@ def test_only_what_is_missing_is_asked(model_store: Path, small: Path, tmp_path:
         run(Small(seed=1), url, tmp_path)
     assert len(service.asked) == SMALL_QUESTIONS
     run(Small(seed=0), "http://nowhere", tmp_path)
+    assert_same_report(small, tmp_path)
+
+
+def test_what_another_model_answered_is_asked_again(
+    model_store: Path, small: Path, tmp_path: Path
+) -> None:
+    answers = lzma.decompress((small / "answers.jsonl.xz").read_bytes()).decode()
+    of_another = answers.replace('"model": {"name": "', '"model": {"name": "older-')
+    # One answer is missing: a complete folder needs no service, and asks none.
+    all_but_one = of_another.splitlines(keepends=True)[:-1]
+    (tmp_path / "answers.jsonl").write_text("".join(all_but_one))
+    service = Recorder(model_store)
+    with service.running() as url:
+        run(Small(seed=0), url, tmp_path)
+    assert of_another != answers
+    assert len(service.asked) == len(set(service.asked)) == SMALL_QUESTIONS / 2
+    assert all(b"action_diffusion" in body for body in service.asked)
     assert_same_report(small, tmp_path)
 
 

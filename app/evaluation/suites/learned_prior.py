@@ -10,7 +10,6 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.case import Case
 from app.evaluation.entrants import DATASET_PRIOR, DIFFUSION, UNIFORM
 from app.evaluation.question import Entrant, Question
-from app.evaluation.statistics import percent
 from app.evaluation.suite import Parts, Picture, Row, Size, Suite
 from app.evaluation.tasks import transition_tasks
 from app.figures.style import BLUE, GREEN, GREY, RED, Look, new_figure
@@ -120,10 +119,10 @@ class LearnedPrior(Suite):
             (
                 grid.METHOD,
                 k,
-                _exact("Within reach", reachable=True),
-                _exact("At rest", reachable=True, moving=False),
-                _exact("Moving", reachable=True, moving=True),
-                _exact("Beyond reach", reachable=False),
+                grid.share("Within reach", "exact", 1, reachable=True),
+                grid.share("At rest", "exact", 1, reachable=True, moving=False),
+                grid.share("Moving", "exact", 1, reachable=True, moving=True),
+                grid.share("Beyond reach", "exact", 1, reachable=False),
             ),
             part="targets",
         )
@@ -134,16 +133,6 @@ class LearnedPrior(Suite):
             part="time",
         )
         yield _picture(learned)
-
-
-def _exact(heading: str, **where: bool) -> grid.Column[Case]:
-    """Show the share of exact plans where a task is of a kind, nothing where none is."""
-
-    def shown(case: Case) -> str:
-        rows = case.at(**where).rows
-        return percent(rows.exact.mean(), 1) if len(rows) else ""
-
-    return grid.Column(heading, shown)
 
 
 def _picture(learned: list[Case]) -> Picture:

@@ -20,22 +20,16 @@ from app.planning.arrays import FloatArray
 from app.planning.metrics import terminal_error
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
+from app.planning.uncertainty.relative import Relative
 from app.wire.requests import PlanRequest
 
 NOMINAL = System()
 EXPECTED_SHARE = 0.1
 """How far the robust plans take friction, damping and gain to be off at most."""
+EXPECTED = Relative(EXPECTED_SHARE, EXPECTED_SHARE, EXPECTED_SHARE, control_gain=EXPECTED_SHARE)
 ROBUST = Entrant(
     "Dataset Prior, robust",
-    REFINED_PRIOR.fields
-    | {
-        "uncertainty": {
-            "relative": dict.fromkeys(
-                ("static_friction", "coulomb_friction", "viscous_damping", "control_gain"),
-                EXPECTED_SHARE,
-            )
-        }
-    },
+    REFINED_PRIOR.fields | {"uncertainty": {"relative": EXPECTED}},
     Look(BLACK, "h", "-"),
 )
 """Made for the plants of 10 % and those between, and carried out where 20 % is off as well."""

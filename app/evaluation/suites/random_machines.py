@@ -106,15 +106,7 @@ class RandomMachines(Suite):
 
 def _by_machine(cell: Callable[[Case], str]) -> Iterator[grid.Column[Case]]:
     """Show a case on each machine, nothing where it has no rows."""
-
-    def on(machine: str) -> grid.Column[Case]:
-        def shown(case: Case) -> str:
-            there = case.at(machine=machine)
-            return cell(there) if len(there.rows) else ""
-
-        return grid.Column(machine, shown)
-
-    return map(on, MACHINES)
+    return (grid.elsewhere(machine, cell, machine=machine) for machine in MACHINES)
 
 
 def _arrivals(cases: list[Case]) -> Table:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from app.evaluation import grid, plots
 from app.evaluation.answer_log import Answer
-from app.evaluation.case import Case, cases_of
+from app.evaluation.case import cases_of
 from app.evaluation.entrants import REFINED_PRIOR
 from app.evaluation.question import Entrant, Question
 from app.evaluation.statistics import percent
@@ -112,7 +112,7 @@ class Robust(Suite):
                 grid.median("Median", ERROR, 4),
                 grid.less("Less nominal", ERROR, REFINED_PRIOR, 4),
                 *(grid.within(f"Within {limit:g}", ERROR, limit) for limit in SUCCESSES),
-                grid.Column("Near, within 0.01", _near),
+                grid.within(f"Near, within {SUCCESSES[0]:g}", ERROR, SUCCESSES[0], near=True),
                 grid.median("Time (ms)", "compute_ms", 1),
                 part=f"{round(100 * share)}-{horizon}",
             )
@@ -131,7 +131,10 @@ class Robust(Suite):
             f"{data.task.nunique()} draws of {AT_THE_BOUND['num_systems']} plants and the "
             "motions.",
             cases,
-            *(_ratio(displacement) for displacement in DISPLACEMENTS),
+            *(
+                grid.median(f"D = {displacement:g} m", RATIO, 2, displacement=displacement)
+                for displacement in DISPLACEMENTS
+            ),
             part="bound",
         )
 
@@ -168,15 +171,3 @@ def _asking(entrant: Entrant, share: float, horizon: int, **fields: int) -> Entr
 def _repeated(task: Task) -> DrawTasks:
     """Draw always the same task; the seeds of its requests differ."""
     return lambda num_tasks, _: [task] * min(num_tasks, MAX_REPETITIONS)
-
-
-def _near(case: Case) -> str:
-    near = case.rows[case.rows.near.astype(bool)]
-    return percent(float(np.mean(near[ERROR] <= SUCCESSES[0]))) if len(near) else ""
-
-
-def _ratio(displacement: float) -> grid.Column[Case]:
-    def ratio(case: Case) -> str:
-        return f"{np.median(case.at(displacement=displacement).values(RATIO)):.2f}"
-
-    return grid.Column(f"D = {displacement:g} m", ratio)

@@ -87,13 +87,13 @@ class SamplerFrontier(Suite):
 
     def questions(self) -> Iterator[Question]:
         for k, setting in product(self.size.budgets, SETTINGS):
-            steps, scale = setting.sampler.settings.steps, setting.sampler.settings.guidance_scale
+            settings = setting.sampler.settings
             yield from self.ask(
                 entrant_of(setting),
                 k,
                 if_covered=setting.model == ANY_MODEL,
-                steps=steps,
-                guidance_scale=scale,
+                steps=settings.steps,
+                guidance_scale=settings.guidance_scale,
             )
 
     def report(self, data: pd.DataFrame) -> Parts:
@@ -113,7 +113,7 @@ class SamplerFrontier(Suite):
         for model, of_what in MODELS.items():
             shown = [setting for setting in cases if setting.model == model]
             if shown:
-                yield _errors(cases, shown, self.size.budgets, of_what)
+                yield _errors(cases, shown, self.size.budgets)
             # Answers of earlier services do not say how diverse the candidates were.
             if known := [each for each in shown if cases[each].rows.diversity.notna().all()]:
                 yield grid.table(
@@ -147,13 +147,11 @@ COLUMNS: tuple[grid.Column[Setting], ...] = (
 )
 
 
-def _errors(
-    cases: Cases, shown: Sequence[Setting], budgets: tuple[int, ...], of_what: str
-) -> Table:
+def _errors(cases: Cases, shown: Sequence[Setting], budgets: tuple[int, ...]) -> Table:
     model = shown[0].model
     return grid.table(
-        f"The model of {of_what}: mean end error (m), and in parentheses what it is more than "
-        "that of the paper's setting, with its 95 % bootstrap interval over the sequences, "
+        f"The model of {MODELS[model]}: mean end error (m), and in parentheses what it is more "
+        "than that of the paper's setting, with its 95 % bootstrap interval over the sequences, "
         f"paired; an asterisk marks what may be more than {MARGIN:g} m worse.",
         shown,
         (*COLUMNS, *(_error(cases, k) for k in budgets)),

@@ -149,7 +149,8 @@ def test_the_nearest_state_is_reachable_at_the_distance_of_the_floor(seed: int) 
         float(np.linalg.norm(result.nearest_state - target)), result.floor, abs_tol=1e-12
     )
     again = floor_of(system, start, result.nearest_state, horizon)
-    assert again.floor <= REACHABLE_WITHIN + again.floor_error
+    # The state itself is known only to within the error of the floor that it belongs to.
+    assert again.floor <= result.floor_error + again.floor_error + REACHABLE_WITHIN
 
 
 @settings(deadline=None, max_examples=40)
@@ -203,7 +204,7 @@ def test_the_floor_holds_for_whatever_differs_by_direction(system: System, seed:
     inexact = result.floor_error + ROUNDING
     assert np.linalg.norm(ends - target, axis=1).min() >= result.floor - inexact
     again = floor_of(system, start, result.nearest_state, horizon)
-    assert again.floor <= again.floor_error + REACHABLE_WITHIN
+    assert again.floor <= result.floor_error + again.floor_error + REACHABLE_WITHIN
     image = floor_of(mirrored(system), -start, -target, horizon)
     assert math.isclose(result.floor, image.floor, abs_tol=2 * inexact)
 

@@ -1,8 +1,8 @@
 """Refinement: from the candidates of any method to plans that arrive, through the true dynamics.
 
 A wrapper around every method: it takes candidates and returns candidates. The descent of one of
-them is in gauss_newton.py, energy and smoothness in null_space.py, stuck steps in waiting.py; a
-plan where none arrives comes from reachable/trace.py.
+them is in gauss_newton.py and leaving_rest.py, energy and smoothness in null_space.py, stuck steps
+in waiting.py; a plan where none arrives comes from reachable/trace.py.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from app.planning.problem import Cost, Problem
 from app.planning.reachable.reachability import Reachability
 from app.planning.reachable.trace import trace
 from app.planning.refining.gauss_newton import EXACT, arrive, terminal_error_of
+from app.planning.refining.leaving_rest import arrive_across_rests
 from app.planning.refining.null_space import descend
 from app.planning.refining.waiting import WAITING_ROLLOUTS, wait_at_the_end
 from app.planning.stop import NEVER, Flag, Stop
@@ -87,12 +88,13 @@ def refine(
     """Lower the terminal errors of candidates `controls` (K, H), clipped to the bounds first.
 
     From the best candidate to the worst, each is descended by damped Gauss-Newton with the exact
-    derivative of the plant (gauss_newton.py). Where the terminal error alone matters, the first to
-    arrive ends the refinement.
+    derivative of the plant (gauss_newton.py), and where that stalls, by leaving a rest sooner
+    (leaving_rest.py). Where the terminal error alone matters, the first to arrive ends the
+    refinement.
 
-    Descent keeps the motion that a candidate has, and stalls where that is the wrong one: nothing
-    moves, the mass stops too early or leaves in the wrong direction. If none has come to the floor,
-    `repair` traces a plan back through the reachable set (reachable/trace.py), which is on the
+    Descent keeps to the motion that a candidate has, and stalls where that is the wrong one: the
+    mass turns too late or leaves in the wrong direction. If none has come to the floor, `repair`
+    traces a plan back through the reachable set (reachable/trace.py), which is on the
     floor wherever that is exact, and puts it in the place of the worst refined candidate. Every
     change is kept only where the true rollout improves.
 
@@ -166,7 +168,7 @@ def _descend(
     rollouts = len(controls)
     chosen = np.argsort(errors)[:num_refined]
     for i in chosen:
-        errors[i], spent = arrive(controls[i], task, iterations, stopped)
+        errors[i], spent = arrive_across_rests(controls[i], task, iterations, stopped)
         rollouts += spent
         if (errors[i] <= EXACT and one_is_enough) or stopped[0]:
             break

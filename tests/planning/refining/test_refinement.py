@@ -108,10 +108,10 @@ def test_an_exact_plan_is_left_alone() -> None:
     assert not refined.replaced.any()
 
 
-def test_a_stuck_candidate_arrives() -> None:
+def test_a_candidate_that_leaves_the_wrong_way_is_replaced() -> None:
     problem = Problem(np.zeros(2), np.array([0.4, 0.0]))
-    controls = np.full((1, 64), 0.5)
-    assert refine(problem, controls, Refinement(repair=False)).errors[0] == pytest.approx(0.4)
+    controls = np.full((1, 64), -0.9)
+    assert refine(problem, controls, Refinement(repair=False)).errors[0] > 0.1
     repaired = refine(problem, controls, Refinement())
     assert repaired.errors[0] < 1e-9
     assert repaired.replaced[0]

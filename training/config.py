@@ -134,28 +134,39 @@ class TrainingConfig(Section):
 
     @classmethod
     def read(cls, path: Path) -> "TrainingConfig":
-        """Read a TOML file: a name, and whatever differs from the default configuration.
+        """Read a TOML file: a name, and whatever differs from another configuration.
 
-        A section of another kind than the default's has to be whole.
+        That is the file which it names as its `base`, in the same folder, or else the default one.
+        A section of another kind than the base's has to be whole.
 
         Raises:
-            OSError: the file cannot be read.
+            OSError: the file, or its base, cannot be read.
             tomllib.TOMLDecodeError: it is not TOML.
             pydantic.ValidationError: the name is missing, or a value is unknown or out of range.
         """
-        default = tomllib.loads(DEFAULT_CONFIG.read_text())
-        del default["name"]
-        with path.open("rb") as file:
-            own = tomllib.load(file)
-        sections = {
-            name: section | own[name]
-            for name, section in default.items()
-            if isinstance(section, dict) and _is_a_variant(own.get(name), section)
-        }
-        return cls.model_validate(default | own | sections)
+        base, own = _load(DEFAULT_CONFIG), _load(path)
+        if "base" in own:
+            base = _varied(base, _load(path.parent / str(own.pop("base"))))
+        del base["name"]
+        return cls.model_validate(_varied(base, own))
+
+
+def _load(path: Path) -> dict[str, Any]:
+    with path.open("rb") as file:
+        return tomllib.load(file)
+
+
+def _varied(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """Return a configuration with what a file says in place of what its base says."""
+    sections = {
+        name: section | own[name]
+        for name, section in base.items()
+        if isinstance(section, dict) and _is_a_variant(own.get(name), section)
+    }
+    return base | own | sections
 
 
 def _is_a_variant(own: Any, section: dict[str, Any]) -> bool:
-    """Say whether a file's section says what differs from the default's `section`."""
+    """Say whether a file's section says what differs from its base's `section`."""
     kind = section.get("kind")
     return isinstance(own, dict) and own.get("kind", kind) == kind

@@ -203,6 +203,25 @@ def test_a_section_of_another_kind_stands_for_itself(tmp_path: Path) -> None:
         TrainingConfig.read(tmp_path / "own.toml")
 
 
+def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
+    machines, longer, residual = (
+        TrainingConfig.read(DEFAULT_CONFIG.with_name(f"{name}.toml"))
+        for name in ("any-machine", "any-machine-h128", "any-machine-mlp")
+    )
+
+    assert isinstance(machines.data, PlansConfig)
+    assert isinstance(longer.data, PlansConfig)
+    assert (machines.data.horizon, longer.data.horizon) == (64, 128)
+    assert longer.data.experts == machines.data.experts == residual.data.experts
+    assert longer.samplers == machines.samplers == residual.samplers
+    assert longer.network == machines.network
+    assert (machines.network.kind, residual.network.kind) == ("unet", "mlp")
+    for text, told in (('base = "nowhere.toml"', OSError), ('base = "own.toml"', ValidationError)):
+        (tmp_path / "own.toml").write_text(f'name = "own"\n{text}\n')
+        with pytest.raises(told, match=r"nowhere\.toml|base"):
+            TrainingConfig.read(tmp_path / "own.toml")
+
+
 def test_the_shares_of_experts_add_up_to_one(values: dict[str, Any]) -> None:
     values["data"] = PLANS | {"experts": PLANS["experts"] | {"rollout": 0.6}}
 

@@ -7,12 +7,11 @@ import numpy as np
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.identification.stick_slip_filter import (
-    Belief,
     predict,
+    started,
     update_position,
     update_velocity,
 )
-from app.planning.plant.system import Plant
 from app.planning.uncertainty.ensemble import Scenarios, scenario
 
 
@@ -55,16 +54,8 @@ def log_likelihoods(
     for s in range(len(noises)):
         plant = scenario(scenarios, s).plant
         noise, position_noise, velocity_noise = noises[s, 0], noises[s, 1], noises[s, 2]
-        start = record.positions[0]
-        belief = Belief(
-            0.5,
-            start,
-            position_noise**2,
-            start,
-            record.initial_velocity,
-            position_noise**2,
-            0.0,
-            record.initial_deviation**2,
+        belief = started(
+            record.positions[0], position_noise, record.initial_velocity, record.initial_deviation
         )
         for k in range(num_steps):
             belief = predict(belief, record.controls[k], plant, noise)
@@ -73,9 +64,8 @@ def log_likelihoods(
                 belief, likely = update_position(belief, record.positions[k + 1], position_noise)
                 result[s, 0, block] += likely
                 if with_velocities:
-                    belief, likely = update_velocity(
-                        belief, record.velocities[k + 1], velocity_noise
-                    )
+                    measured = record.velocities[k + 1]
+                    belief, likely = update_velocity(belief, measured, velocity_noise)
                     result[s, 0, block] += likely
-            result[s, 1, block] += belief.rest * num_blocks / num_steps
+            result[s, 1, block] += belief.rest.probability * num_blocks / num_steps
     return result

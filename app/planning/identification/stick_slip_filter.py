@@ -24,22 +24,24 @@ OUTLIER = 25.0
 logarithm): one wrong sample must not outweigh a thousand."""
 
 
-class Belief(NamedTuple):
-    """What is known of the state: with a probability the mass rests, or else it slides."""
+class Mode(NamedTuple):
+    """A way to be, at rest or sliding, with its probability and a Gaussian of the state."""
 
-    rest: float
-    """Probability that the mass is at rest."""
-    rest_position: float
-    """Mean where it rests, m."""
-    rest_variance: float
-    """Of that position, m^2."""
+    probability: float
     position: float
-    """Mean where it slides, m."""
+    """Mean, m."""
     velocity: float
-    """Mean where it slides, m/s."""
+    """Mean, m/s; 0 at rest, and so are the next two."""
     position_variance: float
     covariance: float
     velocity_variance: float
+
+
+class Belief(NamedTuple):
+    """What is known of the state: either of these."""
+
+    rest: Mode
+    sliding: Mode
 
 
 class Cut(NamedTuple):
@@ -51,7 +53,115 @@ class Cut(NamedTuple):
 
 
 @compiled
-def cut_at_zero(mean: float, variance: float) -> Cut:
+def started(position: float, position_noise: float, velocity: float, deviation: float) -> Belief:
+    """Return the belief of a mass that rests or slides, as likely the one as the other.
+
+    Args:
+        position: as measured, m.
+        position_noise: standard deviation of the measurement, m.
+        velocity: m/s, roughly.
+        deviation: m/s, how rough that is.
+    """
+    variance = position_noise * position_noise
+    return Belief(
+        Mode(0.5, position, 0.0, variance, 0.0, 0.0),
+        Mode(0.5, position, velocity, variance, 0.0, deviation * deviation),
+    )
+
+
+@compiled
+def mean_state(belief: Belief) -> tuple[float, float]:
+    """Return the mean position (m) and velocity (m/s)."""
+    rest, sliding = belief.rest, belief.sliding
+    position = rest.probability * rest.position + sliding.probability * sliding.position
+    return position, sliding.probability * sliding.velocity
+
+
+@compiled
+def predict(belief: Belief, control: float, plant: Plant, noise: float) -> Belief:
+    """Return the belief after one step under `control` (units of control).
+
+    A random acceleration with standard deviation `noise` (m/s^2), constant over the step, acts
+    beside the control: it, too, can set the mass off. Without it, and in a known state, the
+    prediction is the plant's own step.
+    """
+    set_off = _set_off(belief.rest, control, plant, noise)
+    rest = belief.rest
+    stays = Mode(
+        rest.probability - set_off.probability, rest.position, 0.0, rest.position_variance, 0.0, 0.0
+    )
+    goes_on, stops = _slid(belief.sliding, control, plant, noise)
+    return _normalised(_merged(stays, stops), _merged(set_off, goes_on))
+
+
+@compiled
+def _set_off(rest: Mode, control: float, plant: Plant, noise: float) -> Mode:
+    """Return what of a mass at rest breaks away, forward or backward, whichever is nearer."""
+    if rest.probability == 0.0:
+        return Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    step = plant.time_step
+    accelerated = acceleration(control, plant)
+    direction, excess = 1.0, accelerated - plant.static_forward
+    lead = plant.static_forward - plant.breakaway_forward
+    if -accelerated - plant.static_backward > excess:
+        direction, excess = -1.0, -accelerated - plant.static_backward
+        lead = plant.static_backward - plant.breakaway_backward
+    off = _cut(excess, noise * noise)
+    velocity = direction * step * (off.mean + lead)
+    velocity_variance = step * step * off.variance
+    return Mode(
+        rest.probability * off.probability,
+        rest.position + step * velocity,
+        velocity,
+        rest.position_variance + step * step * velocity_variance,
+        step * velocity_variance,
+        velocity_variance,
+    )
+
+
+@compiled
+def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mode, Mode]:
+    """Return what of a sliding mass goes on, and what stops."""
+    probability, position = sliding.probability, sliding.position
+    taken = take_step(sliding.velocity, control, plant)
+    if probability == 0.0 or taken.kind == STUCK:
+        return (
+            Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            Mode(probability, position, 0.0, sliding.position_variance, 0.0, 0.0),
+        )
+    step, kept = plant.time_step, taken.free_by_velocity
+    variance = kept * kept * sliding.velocity_variance + (step * noise) ** 2
+    free = taken.direction * taken.free_velocity
+    on = _cut(free, variance)
+    # What the cut says of the velocity it says of the position, too.
+    by_velocity = kept * sliding.covariance / max(variance, TINY)
+    velocity = taken.direction * on.mean
+    covariance = by_velocity * on.variance
+    position_variance = sliding.position_variance - by_velocity**2 * (variance - on.variance)
+    goes_on = Mode(
+        probability * on.probability,
+        position + by_velocity * (velocity - taken.free_velocity) + step * velocity,
+        velocity,
+        position_variance + 2.0 * step * covariance + step * step * on.variance,
+        covariance + step * on.variance,
+        on.variance,
+    )
+    if on.probability == 1.0:
+        return goes_on, Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    stopped = _cut(-free, variance)
+    change = taken.direction * (-stopped.mean - free)
+    return goes_on, Mode(
+        probability - goes_on.probability,
+        position + by_velocity * change,
+        0.0,
+        sliding.position_variance - by_velocity**2 * (variance - stopped.variance),
+        0.0,
+        0.0,
+    )
+
+
+@compiled
+def _cut(mean: float, variance: float) -> Cut:
     """Return what of a normal distribution lies above zero, by its moments."""
     deviation = math.sqrt(variance)
     if mean > CERTAIN * deviation:
@@ -66,189 +176,136 @@ def cut_at_zero(mean: float, variance: float) -> Cut:
 
 
 @compiled
-def predict(belief: Belief, control: float, plant: Plant, noise: float) -> Belief:
-    """Return the belief after one step under `control` (units of control).
-
-    A random acceleration with standard deviation `noise` (m/s^2), constant over the step, acts
-    beside the control: it, too, can set the mass off. Without it, and in a known state, the
-    prediction is the plant's own step.
-    """
-    step = plant.time_step
-    accelerated = acceleration(control, plant)
-    rests, rest_position, rest_variance = 0.0, 0.0, 0.0
-    slides, position, velocity = 0.0, 0.0, 0.0
-    position_variance, covariance, velocity_variance = 0.0, 0.0, 0.0
-    if belief.rest > 0.0:
-        # Forward or backward, whichever is nearer to breaking away.
-        direction, excess = 1.0, accelerated - plant.static_forward
-        lead = plant.static_forward - plant.breakaway_forward
-        if -accelerated - plant.static_backward > excess:
-            direction, excess = -1.0, -accelerated - plant.static_backward
-            lead = plant.static_backward - plant.breakaway_backward
-        off = cut_at_zero(excess, noise * noise)
-        slides = belief.rest * off.probability
-        if slides > 0.0:
-            velocity = direction * step * (off.mean + lead)
-            velocity_variance = step * step * off.variance
-            position = belief.rest_position + step * velocity
-            covariance = step * velocity_variance
-            position_variance = belief.rest_variance + step * covariance
-        rests = belief.rest - slides
-        rest_position, rest_variance = belief.rest_position, belief.rest_variance
-    if belief.rest < 1.0:
-        sliding = 1.0 - belief.rest
-        taken = take_step(belief.velocity, control, plant)
-        if taken.kind == STUCK:
-            goes_on = 0.0
-            stopped_position, stopped_variance = belief.position, belief.position_variance
-        else:
-            kept = taken.free_by_velocity
-            variance = kept * kept * belief.velocity_variance + (step * noise) ** 2
-            free = taken.direction * taken.free_velocity
-            on = cut_at_zero(free, variance)
-            goes_on = sliding * on.probability
-            by_velocity = kept * belief.covariance / max(variance, TINY)
-            stopped_position, stopped_variance = belief.position, belief.position_variance
-            if 0.0 < on.probability < 1.0:
-                stopped = cut_at_zero(-free, variance)
-                change = -stopped.mean - free
-                stopped_position += by_velocity * taken.direction * change
-                stopped_variance -= by_velocity**2 * (variance - stopped.variance)
-            if goes_on > 0.0:
-                v = taken.direction * on.mean
-                vv = on.variance
-                p = belief.position + by_velocity * (v - taken.free_velocity) + step * v
-                pv = by_velocity * vv
-                pp = belief.position_variance - by_velocity**2 * (variance - vv)
-                pp += 2.0 * step * pv + step * step * vv
-                pv += step * vv
-                # Two ways to slide become one, of the same moments.
-                share = goes_on / (slides + goes_on)
-                dp, dv = p - position, v - velocity
-                between = share * (1.0 - share)
-                position_variance += share * (pp - position_variance) + between * dp * dp
-                covariance += share * (pv - covariance) + between * dp * dv
-                velocity_variance += share * (vv - velocity_variance) + between * dv * dv
-                position += share * dp
-                velocity += share * dv
-                slides += goes_on
-        stops = sliding - goes_on
-        if stops > 0.0:
-            share = stops / (rests + stops)
-            dp = stopped_position - rest_position
-            rest_variance += share * (stopped_variance - rest_variance)
-            rest_variance += share * (1.0 - share) * dp * dp
-            rest_position += share * dp
-            rests += stops
-    rest = rests / (rests + slides)
-    return Belief(
-        1.0 if rest > 1.0 - LEAST_PROBABILITY else rest if rest > LEAST_PROBABILITY else 0.0,
-        rest_position,
-        max(0.0, rest_variance),
-        position,
-        velocity,
-        max(0.0, position_variance),
-        covariance,
-        max(0.0, velocity_variance),
+def _merged(one: Mode, other: Mode) -> Mode:
+    """Return both as one, of the same mean and covariance."""
+    if other.probability <= 0.0:
+        return one
+    if one.probability <= 0.0:
+        return other
+    probability = one.probability + other.probability
+    share = other.probability / probability
+    between = share * (1.0 - share)
+    further, faster = other.position - one.position, other.velocity - one.velocity
+    return Mode(
+        probability,
+        one.position + share * further,
+        one.velocity + share * faster,
+        _between(one.position_variance, other.position_variance, share)
+        + between * further * further,
+        _between(one.covariance, other.covariance, share) + between * further * faster,
+        _between(one.velocity_variance, other.velocity_variance, share) + between * faster * faster,
     )
 
 
 @compiled
-def _log_density(innovation: float, variance: float) -> float:
-    """Return the logarithm of a normal density, with heavier tails far out."""
-    square = innovation * innovation / variance
-    if square > OUTLIER:
-        square = OUTLIER * (1.0 + math.log(square / OUTLIER))
-    return -0.5 * (math.log(variance) + square + LOG_2_PI)
+def _between(one: float, other: float, share: float) -> float:
+    return one + share * (other - one)
+
+
+@compiled
+def _normalised(rest: Mode, sliding: Mode) -> Belief:
+    """Return both with probabilities that add up to 1, and without a mode that is as good as none.
+
+    Rounding may leave a variance a little below zero.
+    """
+    probability = rest.probability / (rest.probability + sliding.probability)
+    if probability > 1.0 - LEAST_PROBABILITY:
+        probability = 1.0
+    elif probability < LEAST_PROBABILITY:
+        probability = 0.0
+    return Belief(
+        Mode(probability, rest.position, 0.0, max(0.0, rest.position_variance), 0.0, 0.0),
+        Mode(
+            1.0 - probability,
+            sliding.position,
+            sliding.velocity,
+            max(0.0, sliding.position_variance),
+            sliding.covariance,
+            max(0.0, sliding.velocity_variance),
+        ),
+    )
 
 
 @compiled
 def update_position(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
-    """Return the belief once a position (m) was measured, and the measurement's log-likelihood.
+    """Return the belief once a position was measured, and the measurement's log-likelihood.
 
     Args:
         belief: before.
         measured: m.
         noise: standard deviation of the measurement, m.
     """
-    uncertain = noise * noise
-    rest_variance = belief.rest_variance + uncertain
-    variance = belief.position_variance + uncertain
-    rest_innovation = measured - belief.rest_position
-    innovation = measured - belief.position
-    rest, log_likelihood = _weigh(belief.rest, rest_innovation, rest_variance, innovation, variance)
-    of_rest = belief.rest_variance / rest_variance
-    of_position = belief.position_variance / variance
-    of_velocity = belief.covariance / variance
-    return (
-        Belief(
-            rest,
-            belief.rest_position + of_rest * rest_innovation,
-            of_rest * uncertain,
-            belief.position + of_position * innovation,
-            belief.velocity + of_velocity * innovation,
-            of_position * uncertain,
-            belief.covariance * uncertain / variance,
-            max(0.0, belief.velocity_variance - of_velocity * belief.covariance),
-        ),
-        log_likelihood,
-    )
+    rest, rest_likely = _corrected(belief.rest, measured, noise, 1.0, 0.0)
+    sliding, sliding_likely = _corrected(belief.sliding, measured, noise, 1.0, 0.0)
+    return _weighed(rest, rest_likely, sliding, sliding_likely)
 
 
 @compiled
 def update_velocity(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
-    """Return the belief once a velocity (m/s) was measured, and its log-likelihood.
+    """Return the belief once a velocity was measured, and the measurement's log-likelihood.
 
     Args:
         belief: before.
         measured: m/s.
         noise: standard deviation of the measurement, m/s.
     """
-    uncertain = noise * noise
-    variance = belief.velocity_variance + uncertain
-    innovation = measured - belief.velocity
-    rest, log_likelihood = _weigh(belief.rest, measured, uncertain, innovation, variance)
-    of_position = belief.covariance / variance
-    of_velocity = belief.velocity_variance / variance
+    rest, rest_likely = _corrected(belief.rest, measured, noise, 0.0, 1.0)
+    sliding, sliding_likely = _corrected(belief.sliding, measured, noise, 0.0, 1.0)
+    return _weighed(rest, rest_likely, sliding, sliding_likely)
+
+
+@compiled
+def _corrected(
+    mode: Mode, measured: float, noise: float, of_position: float, of_velocity: float
+) -> tuple[Mode, float]:
+    """Return a mode once a share of each was measured, and the measurement's log-likelihood."""
+    if mode.probability == 0.0:
+        return mode, 0.0
+    with_position = of_position * mode.position_variance + of_velocity * mode.covariance
+    with_velocity = of_position * mode.covariance + of_velocity * mode.velocity_variance
+    variance = of_position * with_position + of_velocity * with_velocity + noise * noise
+    innovation = measured - of_position * mode.position - of_velocity * mode.velocity
+    square = innovation * innovation / variance
+    if square > OUTLIER:
+        square = OUTLIER * (1.0 + math.log(square / OUTLIER))
+    gain, gain_of_velocity = with_position / variance, with_velocity / variance
     return (
-        Belief(
-            rest,
-            belief.rest_position,
-            belief.rest_variance,
-            belief.position + of_position * innovation,
-            belief.velocity + of_velocity * innovation,
-            max(0.0, belief.position_variance - of_position * belief.covariance),
-            belief.covariance * uncertain / variance,
-            of_velocity * uncertain,
+        Mode(
+            mode.probability,
+            mode.position + gain * innovation,
+            mode.velocity + gain_of_velocity * innovation,
+            mode.position_variance - gain * with_position,
+            mode.covariance - gain * with_velocity,
+            mode.velocity_variance - gain_of_velocity * with_velocity,
         ),
-        log_likelihood,
+        -0.5 * (math.log(variance) + square + LOG_2_PI),
     )
 
 
 @compiled
-def _weigh(
-    rest: float, rest_innovation: float, rest_variance: float, innovation: float, variance: float
-) -> tuple[float, float]:
-    """Return the probability of rest by how likely each mode made a measurement; and of it."""
-    if rest == 0.0:
-        return rest, _log_density(innovation, variance)
-    if rest == 1.0:
-        return rest, _log_density(rest_innovation, rest_variance)
-    at_rest = math.log(rest) + _log_density(rest_innovation, rest_variance)
-    sliding = math.log(1.0 - rest) + _log_density(innovation, variance)
-    most = max(at_rest, sliding)
-    log_likelihood = most + math.log(math.exp(at_rest - most) + math.exp(sliding - most))
-    weighed = math.exp(at_rest - log_likelihood)
-    if weighed > 1.0 - LEAST_PROBABILITY:
-        weighed = 1.0
-    elif weighed < LEAST_PROBABILITY:
-        weighed = 0.0
-    return weighed, log_likelihood
+def _weighed(
+    rest: Mode, rest_likely: float, sliding: Mode, sliding_likely: float
+) -> tuple[Belief, float]:
+    """Weigh both modes by how likely they made the measurement; say how likely both together do."""
+    if rest.probability == 0.0:
+        return _normalised(rest, sliding), sliding_likely
+    if sliding.probability == 0.0:
+        return _normalised(rest, sliding), rest_likely
+    most = max(rest_likely, sliding_likely)
+    at_rest = rest.probability * math.exp(rest_likely - most)
+    in_motion = sliding.probability * math.exp(sliding_likely - most)
+    belief = _normalised(_of(at_rest, rest), _of(in_motion, sliding))
+    return belief, most + math.log(at_rest + in_motion)
 
 
 @compiled
-def mean_state(belief: Belief) -> tuple[float, float]:
-    """Return the mean position (m) and velocity (m/s)."""
-    slides = 1.0 - belief.rest
-    position = belief.rest * belief.rest_position + slides * belief.position
-    return position, slides * belief.velocity
+def _of(probability: float, mode: Mode) -> Mode:
+    """Return a mode with another probability."""
+    return Mode(
+        probability,
+        mode.position,
+        mode.velocity,
+        mode.position_variance,
+        mode.covariance,
+        mode.velocity_variance,
+    )

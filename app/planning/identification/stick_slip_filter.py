@@ -163,7 +163,7 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
 @compiled
 def _cut(mean: float, variance: float) -> Cut:
     """Return what of a normal distribution lies above zero, by its moments."""
-    deviation = math.sqrt(variance)
+    deviation = math.sqrt(max(0.0, variance))  # rounding may leave it a little below zero
     if mean > CERTAIN * deviation:
         return Cut(1.0, mean, variance)
     if mean <= -CERTAIN * deviation:
@@ -204,26 +204,15 @@ def _between(one: float, other: float, share: float) -> float:
 
 @compiled
 def _normalised(rest: Mode, sliding: Mode) -> Belief:
-    """Return both with probabilities that add up to 1, and without a mode that is as good as none.
-
-    Rounding may leave a variance a little below zero.
-    """
+    """Return both with probabilities that add up to 1, and without a mode that is as good as none."""
+    if rest.probability == 0.0 and sliding.probability == 1.0:
+        return Belief(rest, sliding)
     probability = rest.probability / (rest.probability + sliding.probability)
     if probability > 1.0 - LEAST_PROBABILITY:
         probability = 1.0
     elif probability < LEAST_PROBABILITY:
         probability = 0.0
-    return Belief(
-        Mode(probability, rest.position, 0.0, max(0.0, rest.position_variance), 0.0, 0.0),
-        Mode(
-            1.0 - probability,
-            sliding.position,
-            sliding.velocity,
-            max(0.0, sliding.position_variance),
-            sliding.covariance,
-            max(0.0, sliding.velocity_variance),
-        ),
-    )
+    return Belief(_of(probability, rest), _of(1.0 - probability, sliding))
 
 
 @compiled
@@ -288,9 +277,9 @@ def _weighed(
 ) -> tuple[Belief, float]:
     """Weigh both modes by how likely they made the measurement; say how likely both together do."""
     if rest.probability == 0.0:
-        return _normalised(rest, sliding), sliding_likely
+        return Belief(rest, sliding), sliding_likely
     if sliding.probability == 0.0:
-        return _normalised(rest, sliding), rest_likely
+        return Belief(rest, sliding), rest_likely
     most = max(rest_likely, sliding_likely)
     at_rest = rest.probability * math.exp(rest_likely - most)
     in_motion = sliding.probability * math.exp(sliding_likely - most)

@@ -7,6 +7,7 @@ import numpy as np
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.identification.stick_slip_filter import (
+    mean_state,
     predict,
     started,
     update_position,
@@ -46,10 +47,12 @@ def log_likelihoods(
         num_blocks: B, at most N.
 
     Returns:
-        (S, 2, B): the log-likelihood of each block, and the mean probability of rest in it.
+        (S, 5, B), of each block: the log-likelihood, the mean probability of rest, the sum of the
+        squared prediction errors of positions (m^2), and the mean position (m) and velocity (m/s)
+        at its end.
     """
     num_steps = record.controls.size
-    result = np.zeros((len(noises), 2, num_blocks))
+    result = np.zeros((len(noises), 5, num_blocks))
     with_velocities = record.velocities.size > 0
     for s in range(len(noises)):
         plant = scenario(scenarios, s).plant
@@ -61,6 +64,8 @@ def log_likelihoods(
             belief = predict(belief, record.controls[k], plant, noise)
             block = k * num_blocks // num_steps
             if (k + 1) % record.stride == 0:
+                error = record.positions[k + 1] - mean_state(belief)[0]
+                result[s, 2, block] += error * error
                 belief, likely = update_position(belief, record.positions[k + 1], position_noise)
                 result[s, 0, block] += likely
                 if with_velocities:
@@ -68,4 +73,5 @@ def log_likelihoods(
                     belief, likely = update_velocity(belief, measured, velocity_noise)
                     result[s, 0, block] += likely
             result[s, 1, block] += belief.rest.probability * num_blocks / num_steps
+            result[s, 3, block], result[s, 4, block] = mean_state(belief)
     return result

@@ -12,6 +12,10 @@ import numpy as np
 from app.planning.arrays import FloatArray
 
 
+TOLERANCE = 0.5
+PATIENCE = 10
+
+
 class Found(NamedTuple):
     """Where a search ended."""
 
@@ -33,7 +37,7 @@ def maximise(
     *,
     generations: int,
     population: int,
-    tolerance: float,
+    spread: float,
 ) -> Found:
     """Search for a maximum.
 
@@ -44,7 +48,8 @@ def maximise(
         rng: draws the points.
         generations: at most.
         population: points in each.
-        tolerance: what the best value of ten generations has to gain for the search to go on.
+        spread: the search ends once half of a generation is within so much of the best value, and
+            the best of ten generations is no better by `TOLERANCE`.
     """
     size, half = start.size, population // 2
     weights = np.log(half + 0.5) - np.log(np.arange(1, half + 1))
@@ -93,6 +98,10 @@ def maximise(
         )
         sigma *= float(np.exp(damp_sigma / sigma_damping * (length / expected_length - 1.0)))
         recent.append(best_value)
-        if generation >= 20 and recent[-1] - recent[-11] < tolerance:
+        if (
+            generation >= PATIENCE
+            and best_value - float(np.median(values)) < spread
+            and recent[-1] - recent[-1 - PATIENCE] < TOLERANCE
+        ):
             break
     return Found(best, best_value, mean, sigma**2 * covariance)

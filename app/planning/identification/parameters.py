@@ -21,6 +21,9 @@ NOISES = ("acceleration_noise", "position_noise", "velocity_noise")
 EXCESS_SHARE = 0.5
 """Of Coulomb friction: what static friction is expected to exceed it by, where a log says nothing;
 an exponential prior of that mean, which any log that shows break-aways outweighs."""
+EXPECTED_BIAS = 0.3
+"""Of what controls do to the mass: the standard deviation of a normal prior. A log of one direction
+cannot tell a bias from friction."""
 MOST_DAMPED = 0.95
 """Share of its velocity that damping may take in a step."""
 
@@ -176,11 +179,14 @@ class Space:
     def log_prior(self, x: FloatArray) -> FloatArray:
         """Return the logarithm of the prior density of points (N, d), up to a constant."""
         values = self.values(x)
-        prior = np.zeros(len(x))
+        # Flat in the random acceleration: its logarithm would go down for ever where there is none.
+        prior = np.log(np.maximum(values[NOISES[0]], 1e-300))
+        if BIAS not in self.known and self.fixed_bias is None:
+            prior -= 0.5 * (values[BIAS] / (EXPECTED_BIAS * self.scale.acceleration)) ** 2
         if STATIC in self.known:
             return prior
         for way in DIRECTIONS[: 1 + self.by_direction]:
-            coulomb = values[f"{COULOMB}.{way}"]
+            coulomb = np.maximum(values[f"{COULOMB}.{way}"], 0.0)
             expected = EXCESS_SHARE * (coulomb + 0.02 * self.scale.acceleration)
             prior -= (values[f"{STATIC}.{way}"] - coulomb) / expected + np.log(expected)
         return prior

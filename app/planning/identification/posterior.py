@@ -1,7 +1,9 @@
-"""A weighted sample of what the unknowns may be: adaptive importance sampling, and its calibration.
+"""A sample of what the unknowns may be, and by how much it is too narrow.
 
-Sampling is AMIS (Cornuet, Marin, Mira and Robert 2012): all samples of all rounds count, each
-weighed by the mixture of what they were drawn from. Nothing here knows what the unknowns are.
+Sampling is differential evolution Markov chain Monte Carlo (ter Braak 2006): chains move by the
+differences between others, and so in whatever oblique valley they are in. Importance sampling does
+badly here, for break-aways cut the density off along planes. Nothing here knows what the unknowns
+are.
 """
 
 from collections.abc import Callable
@@ -11,37 +13,36 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 
-FREEDOM = 6.0
-"""Degrees of freedom of the proposals, multivariate t: heavier tails than any posterior's."""
-WIDER = 1.2
-"""By how much proposals are wider than the sample so far."""
-ENOUGH = 40.0
-"""Effective samples below which weights are flattened until there are as many."""
+CHAINS = 48
+"""That exchange what they found; half of them moves at a time."""
+BURN_IN = 0.4
+"""Share of the generations that is not kept: the chains start beside the posterior."""
+LEAP = 0.1
+"""Share of the moves that are as long as two chains are apart, from one ridge to another."""
+JITTER = 1e-2
+"""Of the chains' spread, added to each move, so that they may leave any plane."""
 RIDGE = 1e-9
 
 
 class Sample(NamedTuple):
-    """Points and their weights."""
+    """Points, each as likely as another."""
 
     points: FloatArray
     """(N, d)."""
-    weights: FloatArray
-    """(N,), they add up to 1."""
     blocks: FloatArray
     """(N, B), the log-likelihood by blocks of the log."""
-    effective: float
-    """So many independent points are worth as much."""
+    accepted: float
+    """Share of the moves."""
 
     @property
     def mean(self) -> FloatArray:
         """(d,)."""
-        return np.asarray(self.weights @ self.points)
+        return np.asarray(self.points.mean(axis=0))
 
     @property
     def covariance(self) -> FloatArray:
         """(d, d)."""
-        deviations = self.points - self.mean
-        return np.asarray((deviations.T * self.weights) @ deviations)
+        return np.asarray(np.cov(self.points.T))
 
 
 def draw_sample(
@@ -50,36 +51,42 @@ def draw_sample(
     covariance: FloatArray,
     rng: np.random.Generator,
     *,
-    rounds: int,
-    count: int,
+    generations: int,
 ) -> Sample:
     """Draw a sample of a density.
 
     Args:
         log_density: of points (N, d): values (N,), -inf where there is nothing, and blocks (N, B).
-        mean: (d,), about where most of it is.
+        mean: (d,), where there is some of it.
         covariance: (d, d), of about its shape; its size is found here.
         rng: draws.
-        rounds: of proposals, each made of what was found before.
-        count: points in each.
+        generations: moves of every chain.
     """
-    size = mean.size
-    covariance = _scaled(log_density, mean, covariance, rng)
-    points, values, blocks = np.empty((0, size)), np.empty(0), None
-    proposals: list[tuple[FloatArray, FloatArray]] = []
-    for _ in range(rounds):
-        factor = _factor(covariance)
-        draws = rng.standard_normal((count, size))
-        radii = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, count))
-        drawn = mean + WIDER * (draws * radii[:, np.newaxis]) @ factor.T
-        value, block = log_density(drawn)
-        points, values = np.concatenate([points, drawn]), np.concatenate([values, value])
-        blocks = block if blocks is None else np.concatenate([blocks, block])
-        proposals.append((mean, factor))
-        weights, effective = _weights(values, _mixture(points, proposals))
-        sample = Sample(points, weights, blocks, effective)
-        mean, covariance = sample.mean, sample.covariance
-    return sample
+    size, half = mean.size, CHAINS // 2
+    factor = _factor(_scaled(log_density, mean, covariance, rng))
+    chains = mean + rng.standard_normal((CHAINS, size)) @ factor.T
+    values, blocks = log_density(chains)
+    chains[~np.isfinite(values)] = mean
+    values, blocks = log_density(chains)
+    kept_points, kept_blocks, accepted, moves = [], [], 0, 0
+    for generation in range(generations):
+        for moving, others in ((slice(half), slice(half, None)), (slice(half, None), slice(half))):
+            pool = chains[others]
+            pairs = rng.integers(half, size=(2, half))
+            lengths = np.where(rng.random(half) < LEAP, 1.0, 2.38 / np.sqrt(2.0 * size))
+            steps = lengths[:, np.newaxis] * (pool[pairs[0]] - pool[pairs[1]])
+            steps += JITTER * pool.std(axis=0) * rng.standard_normal((half, size))
+            proposed = chains[moving] + steps
+            value, block = log_density(proposed)
+            goes = np.log(rng.random(half)) < value - values[moving]
+            chains[moving] = np.where(goes[:, np.newaxis], proposed, chains[moving])
+            values[moving] = np.where(goes, value, values[moving])
+            blocks[moving] = np.where(goes[:, np.newaxis], block, blocks[moving])
+            accepted, moves = accepted + int(goes.sum()), moves + half
+        if generation >= BURN_IN * generations:
+            kept_points.append(chains.copy())
+            kept_blocks.append(blocks.copy())
+    return Sample(np.concatenate(kept_points), np.concatenate(kept_blocks), accepted / moves)
 
 
 def _scaled(
@@ -116,41 +123,6 @@ def _factor(covariance: FloatArray) -> FloatArray:
     return np.asarray(deviations[:, np.newaxis] * axes * np.sqrt(np.maximum(lengths, RIDGE)))
 
 
-def _mixture(points: FloatArray, proposals: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """Return the logarithm of the proposals' mean density at points, up to a constant."""
-    size = points.shape[1]
-    logs = []
-    for mean, factor in proposals:
-        whitened = np.linalg.solve(factor, (points - mean).T) / WIDER
-        _, log_volume = np.linalg.slogdet(factor)
-        squares = np.sum(whitened**2, axis=0)
-        logs.append(-0.5 * (FREEDOM + size) * np.log1p(squares / FREEDOM) - log_volume)
-    return np.asarray(np.logaddexp.reduce(logs, axis=0)) - np.log(len(proposals))
-
-
-def _weights(values: FloatArray, proposed: FloatArray) -> tuple[FloatArray, float]:
-    """Return weights and their effective number, flattened where there would be too few."""
-    logs = values - proposed
-    logs -= logs.max()
-    flat, steep = 0.0, 1.0
-    power = 1.0
-    effective = _effective(np.exp(logs))
-    if effective < ENOUGH:
-        for _ in range(30):
-            power = 0.5 * (flat + steep)
-            if _effective(np.exp(power * logs)) < ENOUGH:
-                steep = power
-            else:
-                flat = power
-        power = flat
-    weights = np.exp(power * logs)
-    return weights / weights.sum(), effective
-
-
-def _effective(weights: FloatArray) -> float:
-    return float(weights.sum() ** 2 / np.sum(weights**2))
-
-
 def inflation(sample: Sample) -> tuple[float, FloatArray]:
     """Return by how much the sample's variances fall short: of all together, and of each (d,).
 
@@ -162,19 +134,9 @@ def inflation(sample: Sample) -> tuple[float, FloatArray]:
     """
     factor = _factor(sample.covariance)
     whitened = np.linalg.solve(factor, (sample.points - sample.mean).T)
-    finite = sample.weights > 0.0
-    weights = sample.weights[finite]
-    blocks = sample.blocks[finite]
-    slopes = (whitened[:, finite] * weights) @ (blocks - weights @ blocks)
+    slopes = whitened @ (sample.blocks - sample.blocks.mean(axis=0)) / len(sample.points)
     num_blocks = slopes.shape[1]
     slopes = slopes - slopes.mean(axis=1, keepdims=True)
     spread = slopes @ slopes.T * num_blocks / (num_blocks - 1)
     each = np.einsum("ij,jk,ik->i", factor, spread, factor) / np.sum(factor**2, axis=1)
     return float(np.trace(spread)) / len(factor), each
-
-
-def quantiles(values: FloatArray, weights: FloatArray, levels: tuple[float, ...]) -> FloatArray:
-    """Return weighted quantiles of values (N,), at each of the levels."""
-    order = np.argsort(values)
-    cumulated = np.cumsum(weights[order]) - 0.5 * weights[order]
-    return np.asarray(np.interp(levels, cumulated, values[order]))

@@ -70,7 +70,9 @@ def _guess(log: Log, span: int) -> Guess | None:
     u, v, a = (
         values[::stride][chosen] for values in (controls, speeds, accelerations)
     )
-    columns = np.column_stack([u, -np.sign(v), -v, np.ones_like(u)])
+    # In one direction a bias cannot be told from friction.
+    both = np.any(v > 0.0) and np.any(v < 0.0)
+    columns = np.column_stack([u, -np.sign(v), -v, np.full(u.size, float(both))])
     norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     solution, *_ = np.linalg.lstsq(columns / norms, a, rcond=1e-6)
     residuals = a - columns / norms @ solution

@@ -11,7 +11,6 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 
-
 TOLERANCE = 0.5
 PATIENCE = 10
 

@@ -107,16 +107,22 @@ class Log:
         """m."""
         return FLOOR * float(np.ptp(self.positions))
 
-    def delayed(self, delay_steps: int) -> "Log":
-        """Return the log as one whose controls act at once, where they act so many steps later."""
-        if delay_steps == 0:
-            return self
+    def delayed(self, delay_steps: int, skipped: int | None = None) -> "Log":
+        """Return the log as one whose controls act at once, where they act so many steps later.
+
+        Args:
+            delay_steps: of the actuator.
+            skipped: samples that are left out at the beginning, `delay_steps` by default; the same
+                for all delays, so that their likelihoods are of the same measurements.
+        """
+        first = delay_steps if skipped is None else skipped
+        last = self.num_steps - delay_steps
         velocities = self.velocities
         return replace(
             self,
-            controls=self.controls[:-delay_steps],
-            positions=self.positions[delay_steps:],
-            velocities=None if velocities is None else velocities[delay_steps:],
+            controls=self.controls[first - delay_steps : last],
+            positions=self.positions[first:],
+            velocities=None if velocities is None else velocities[first:],
         )
 
     def record(self, stride: int) -> Record:

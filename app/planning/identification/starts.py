@@ -67,9 +67,7 @@ def _guess(log: Log, span: int) -> Guess | None:
     chosen = (lowest > CLEARLY * noise) | (highest < -CLEARLY * noise)
     if chosen.sum() < LEAST_ROWS:
         return None
-    u, v, a = (
-        values[::stride][chosen] for values in (controls, speeds, accelerations)
-    )
+    u, v, a = (values[::stride][chosen] for values in (controls, speeds, accelerations))
     # In one direction a bias cannot be told from friction.
     both = np.any(v > 0.0) and np.any(v < 0.0)
     columns = np.column_stack([u, -np.sign(v), -v, np.full(u.size, float(both))])

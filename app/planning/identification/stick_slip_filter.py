@@ -85,20 +85,20 @@ def predict(belief: Belief, control: float, plant: Plant, noise: float) -> Belie
     beside the control: it, too, can set the mass off. Without it, and in a known state, the
     prediction is the plant's own step.
     """
-    set_off = _set_off(belief.rest, control, plant, noise)
+    goes_on, stops = _slid(belief.sliding, control, plant, noise)
     rest = belief.rest
+    if rest.probability == 0.0:
+        return _normalised(stops, goes_on)
+    set_off = _set_off(rest, control, plant, noise)
     stays = Mode(
         rest.probability - set_off.probability, rest.position, 0.0, rest.position_variance, 0.0, 0.0
     )
-    goes_on, stops = _slid(belief.sliding, control, plant, noise)
     return _normalised(_merged(stays, stops), _merged(set_off, goes_on))
 
 
 @compiled
 def _set_off(rest: Mode, control: float, plant: Plant, noise: float) -> Mode:
     """Return what of a mass at rest breaks away, forward or backward, whichever is nearer."""
-    if rest.probability == 0.0:
-        return Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     step = plant.time_step
     accelerated = acceleration(control, plant)
     direction, excess = 1.0, accelerated - plant.static_forward

@@ -1,0 +1,217 @@
+"""From a log to a plant: the one road, top to bottom.
+
+Guess by least squares, find the delay, climb to the likeliest plant, see whether friction differs
+by direction, sample what else it may be, judge. Each step is in a file of its own.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from app.planning.identification.evolution import Found
+from app.planning.identification.fitting import Fit
+from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.parameters import BIAS, COULOMB, GAIN, Scale, Space
+from app.planning.identification.starts import Guess, guesses
+from app.planning.identification.verdict import Identification, judge
+from app.planning.plant.system import System
+from app.planning.stop import NEVER, Stop
+
+MOST_DELAY = 8
+"""Steps that are tried."""
+DELAYS_TRIED = 3
+"""Of them, those that are climbed for a little."""
+DELAY_GENERATIONS = 20
+MOST_MEASUREMENTS = 2500
+"""Of a longer log not every sample is taken as a measurement; every control acts all the same."""
+CLOSE = 5.0
+"""Log-likelihoods that are no farther apart hardly tell two delays apart."""
+DIRECTION_GENERATIONS = 60
+NEARBY = 0.06
+"""Of the unknowns' widths: where frictions by direction are first looked for."""
+LEAST_THRESHOLD = 0.01
+"""Of the speeds in a log: no threshold of rest is above that."""
+EVALUATIONS = 9000
+"""Likelihoods of a whole log that an answer takes at most, about."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is asked of a log."""
+
+    known: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `System` that are certain."""
+    by_direction: bool | None = None
+    """Whether frictions differ by direction; None to let the log say."""
+    delay_steps: int | None = None
+    """Of the actuator; None to let the log say."""
+    num_systems: int = 32
+    """Of the ensemble."""
+
+
+def identify(
+    log: Log, question: Question, rng: np.random.Generator, stop: Stop = NEVER
+) -> Identification:
+    """Return what a log says of the machine that it is of.
+
+    Args:
+        log: checked.
+        question: what is known, and what is asked.
+        rng: decides every random draw.
+        stop: ends it early.
+
+    Raises:
+        UnusableLog: nothing follows from it.
+        Stopped: it is not wanted any more.
+    """
+    stride = max(1, log.num_steps // MOST_MEASUREMENTS)
+    delay, rival = _delay(log, question, stride, rng, stop)
+    acting = log.delayed(delay)
+    found = _guesses(acting)
+    space = _space(acting, question.known, found[0])
+    by_direction = question.by_direction
+    fit = Fit.of(space, acting, stride, stop)
+    starts = fit.starts(found, acting.position_noise)
+    likeliest = fit.climb(starts[np.argmax(fit.value(starts))], rng)
+    if by_direction is not False:
+        fit, likeliest = _by_direction(fit, likeliest, rng, is_asked_for=by_direction is True)
+    sample = fit.sample(likeliest, rng)
+    identified = judge(fit, acting, likeliest, sample, question.num_systems, rng)
+    warnings = list(identified.warnings)
+    if rival is not None:
+        warnings.append(
+            f"a delay of {rival} steps explains the log nearly as well as one of {delay}: the gain "
+            "and the frictions are those of the delay that is given"
+        )
+    if "control_limit" not in question.known:
+        warnings.append(
+            "control_limit is the largest control in the log; say the machine's own as known"
+        )
+    return replace(identified, delay_steps=delay, warnings=tuple(warnings))
+
+
+def _delay(
+    log: Log, question: Question, stride: int, rng: np.random.Generator, stop: Stop
+) -> tuple[int, int | None]:
+    """Return the likeliest delay, and another one that is nearly as likely, if there is one."""
+    if question.delay_steps is not None:
+        return question.delay_steps, None
+    most = min(MOST_DELAY, log.num_steps // 10)
+    fits, starts = [], []
+    for delay in range(most + 1):
+        delayed = log.delayed(delay, most)
+        found = guesses(delayed)
+        found = [guess for guess in found if guess.control_gain > 0.0]
+        if not found:
+            continue
+        found = sorted(found, key=lambda guess: -guess.explained)[:2]
+        fit = Fit.of(_space(delayed, question.known, found[0]), delayed, stride, stop)
+        points = fit.starts(found, delayed.position_noise)
+        values = fit.value(points)
+        best = int(np.argmax(values))
+        fits.append((delay, fit))
+        starts.append((float(values[best]), points[best]))
+    if not fits:
+        return 0, None  # there the reason is told
+    order = sorted(range(len(fits)), key=lambda i: -starts[i][0])[:DELAYS_TRIED]
+    climbed = sorted(
+        (
+            (fits[i][1].climb(starts[i][1], rng, DELAY_GENERATIONS).value, -fits[i][0])
+            for i in order
+        ),
+        reverse=True,
+    )
+    is_close = len(climbed) > 1 and climbed[0][0] - climbed[1][0] < CLOSE
+    return -climbed[0][1], -climbed[1][1] if is_close else None
+
+
+def _guesses(log: Log) -> list[Guess]:
+    """Return guesses whose gain is positive, the best first.
+
+    Raises:
+        UnusableLog: there are none.
+    """
+    found = guesses(log)
+    if not found:
+        raise UnusableLog(
+            "positions",
+            "the machine hardly moves: there are too few stretches of it in one direction, beyond "
+            "the noise, to make out what a control does",
+        )
+    found.sort(key=lambda guess: -guess.explained)
+    positive = [guess for guess in found if guess.control_gain > 0.0]
+    if not positive:
+        raise UnusableLog(
+            "controls",
+            "a positive control seems to push backward: turn the sign of controls or positions",
+        )
+    return positive
+
+
+def _space(log: Log, known: Mapping[str, Any], guess: Guess) -> Space:
+    """Return the unknowns of a log, with frictions that are the same both ways."""
+    gain = known.get(GAIN, guess.control_gain)
+    speeds = np.abs(np.diff(log.positions)) / log.time_step
+    speed = float(np.quantile(speeds, 0.8))
+    scale = Scale(
+        acceleration=max(float(np.sqrt(np.mean((gain * log.controls) ** 2))), 1e-6),
+        velocity=max(speed, 1e-9),
+        control=float(np.max(np.abs(log.controls))),
+    )
+    rest = {
+        COULOMB: 0.0,
+        "static_friction": known.get(COULOMB, 0.0),
+        "viscous_damping": 0.0,
+        "control_limit": scale.control,
+        "velocity_threshold": min(1e-3, LEAST_THRESHOLD * scale.velocity),
+    }
+    try:
+        base = System(**{**rest, **known, "time_step": log.time_step}).plant
+    except ValueError as error:
+        raise UnusableLog("known", str(error)) from None
+    return Space(
+        known=dict(known),
+        fixed_bias=None,
+        by_direction=False,
+        base=base,
+        scale=scale,
+        least_noise=log.least_noise,
+        with_velocities=log.velocities is not None,
+    )
+
+
+def _by_direction(
+    fit: Fit, same: Found, rng: np.random.Generator, *, is_asked_for: bool
+) -> tuple[Fit, Found]:
+    """Return the fit with frictions by direction where that is asked for, or told by the log.
+
+    A bias and frictions that differ by the same in the other sense move a mass alike: the bias is
+    left at zero, or where that would make a friction negative, where it is.
+    """
+    space = fit.space
+    values = {name: float(value[0]) for name, value in space.values(same.best[np.newaxis]).items()}
+    fixed = None
+    if BIAS not in space.known:
+        takes_it = abs(values[BIAS]) < 0.8 * values[f"{COULOMB}.forward"]
+        fixed = 0.0 if takes_it and COULOMB not in space.known else values[BIAS]
+    base = space.base._replace(bias=fixed) if fixed is not None else space.base
+    other = Fit(
+        replace(space, by_direction=True, fixed_bias=fixed, base=base), fit.record, fit.stop
+    )
+    if other.space.names == space.names:
+        return fit, same
+    shift = values[BIAS] - (fixed if fixed is not None else values[BIAS])
+    for field_name in (COULOMB, "static_friction"):
+        values[f"{field_name}.forward"] -= shift
+        values[f"{field_name}.backward"] += shift
+    start = other.space.point(values)
+    generations = DIRECTION_GENERATIONS
+    found = other.climb(start, rng, generations, deviations=NEARBY * other.space.widths)
+    # Schwarz's criterion; a log that is badly explained has to say it more clearly.
+    measurements = fit.record.controls.size / fit.record.stride
+    more = len(other.space.names) - len(space.names)
+    if is_asked_for or found.value - same.value > 0.5 * (more + 1) * np.log(measurements):
+        return other, other.climb(found.best, rng, deviations=np.sqrt(np.diag(found.covariance)))
+    return fit, same

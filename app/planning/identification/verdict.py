@@ -1,0 +1,271 @@
+"""What a fit is worth: the estimates with their intervals, what cannot be told, and why not."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.planning.arrays import BoolArray, FloatArray
+from app.planning.identification.advice import advise, why_not_told
+from app.planning.identification.evolution import Found
+from app.planning.identification.fitting import Fit, Trace
+from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.motion import Motion
+from app.planning.identification.parameters import NOISES
+from app.planning.identification.posterior import Sample, inflation
+from app.planning.plant.rollout import rollout_on
+from app.planning.plant.system import ControlLimits, Plant, System
+
+LEVELS = 0.025, 0.975
+"""Of the intervals."""
+WINDOW_SECONDS = 0.5
+LEAST_WINDOWS = 4
+LEAST_WINDOW_STEPS = 5
+LEAST_R2 = 0.3
+"""Where less of the motion is explained, the plant is not of this kind."""
+GOOD_R2 = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """An estimate."""
+
+    name: str
+    """A field of `System`, with `.forward` or `.backward` where it differs by direction."""
+    value: float
+    standard_error: float
+    interval: tuple[float, float]
+    """95 %."""
+    identifiable: bool
+    why_not: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How well the plant explains the log that it was made from."""
+
+    window_s: float
+    """How far ahead the end position is predicted, s."""
+    end_error_rms: float
+    """Of those predictions, m."""
+    r2: float
+    """Share of the variance of what the machine moves in a window that they explain."""
+    residual: float
+    """Root mean square error of the position one measurement ahead, m."""
+    acceleration_noise: float
+    """Of what the plant does not explain, m/s^2 in each step."""
+    position_noise: float
+    """m."""
+    velocity_noise: float | None
+    """m/s."""
+    condition_number: float
+    """Of the estimates' correlations: 1 if each can be told by itself."""
+    moving_steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What a log says of a machine."""
+
+    system: System
+    parameters: tuple[Parameter, ...]
+    systems: tuple[System, ...]
+    """The ensemble: each as likely as another."""
+    quality: Quality
+    advice: tuple[str, ...]
+    """What to record next."""
+    warnings: tuple[str, ...] = ()
+    delay_steps: int = 0
+    predicted: "Prediction | None" = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Windows of a log, each predicted from what the filter knew at its start."""
+
+    starts: FloatArray
+    """(W,), indices of samples of the log whose controls act at once."""
+    states: FloatArray
+    """(W, H+1, 2)."""
+
+
+def judge(
+    fit: Fit,
+    log: Log,
+    likeliest: Found,
+    sample: Sample,
+    num_systems: int,
+    rng: np.random.Generator,
+) -> Identification:
+    """Return what a fit comes to.
+
+    Args:
+        fit: the unknowns.
+        log: whose controls act at once.
+        likeliest: point that was found.
+        sample: of what else they may be.
+        num_systems: of the ensemble.
+        rng: chooses them.
+
+    Raises:
+        UnusableLog: the machine is none of this kind, or hardly moves.
+    """
+    space = fit.space
+    middle = _middle(fit, likeliest, sample)
+    trace = fit.trace(middle)
+    motion = Motion.of(trace, log, fit.record.stride)
+    if motion.moving_steps < motion.LEAST_STEPS:
+        raise UnusableLog(
+            "positions",
+            f"the machine moves in {motion.moving_steps} steps only; {motion.LEAST_STEPS} are the "
+            "least that anything follows from",
+        )
+    quality = _quality(fit, log, middle, trace, motion, sample)
+    if quality.r2 < LEAST_R2:
+        raise UnusableLog(
+            "controls",
+            f"no plant of this kind explains the motion: the best one predicts {quality.r2:.0%} of "
+            f"what the machine moves in {quality.window_s:.2g} s; are these the controls of this "
+            "axis, in their order?",
+        )
+    overall, _ = inflation(sample)
+    wider = float(np.sqrt(max(1.0, overall)))
+    parameters = _parameters(fit, middle, sample, wider, motion, quality)
+    limits = _limits(space.base)
+    return Identification(
+        system=space.system(middle, limits),
+        parameters=parameters,
+        systems=tuple(
+            space.system(point, limits)
+            for point in _ensemble(fit, middle, sample, wider, num_systems, rng)
+        ),
+        quality=quality,
+        advice=advise(parameters, motion),
+        warnings=tuple(_warnings(quality, overall, motion)),
+    )
+
+
+def _middle(fit: Fit, likeliest: Found, sample: Sample) -> FloatArray:
+    """Return the sample's mean, or the likeliest point where the mean lies beside all of it."""
+    mean = sample.mean
+    worst = float(fit.value(mean[np.newaxis])[0])
+    return mean if worst > likeliest.value - 2.0 * mean.size else likeliest.best
+
+
+def _quality(
+    fit: Fit, log: Log, x: FloatArray, trace: Trace, motion: Motion, sample: Sample
+) -> Quality:
+    plants, noises, _ = fit.space.plants(x[np.newaxis])
+    errors, moved, steps = window_errors(Plant(*plants[0].tolist()), log, trace)
+    own = [not name.endswith("noise") for name in fit.space.names]
+    correlations = np.corrcoef(sample.points[:, own].T) if sum(own) > 1 else np.eye(1)
+    measured = trace.squared_errors > 0.0
+    return Quality(
+        window_s=steps * log.time_step,
+        end_error_rms=float(np.sqrt(np.mean(errors**2))),
+        r2=1.0 - float(np.mean(errors**2) / max(np.mean(moved**2), 1e-300)),
+        residual=float(np.sqrt(np.mean(trace.squared_errors[measured]))) if measured.any() else 0.0,
+        acceleration_noise=float(noises[0, 0]),
+        position_noise=float(noises[0, 1]),
+        velocity_noise=float(noises[0, 2]) if NOISES[2] in fit.space.names else None,
+        condition_number=float(np.linalg.cond(correlations)),
+        moving_steps=motion.moving_steps,
+    )
+
+
+def window_errors(plant: Plant, log: Log, trace: Trace) -> tuple[FloatArray, FloatArray, int]:
+    """Return how far predictions end beside the positions, (W,), what was moved, and the steps."""
+    most = log.num_steps // LEAST_WINDOWS
+    steps = max(LEAST_WINDOW_STEPS, min(round(WINDOW_SECONDS / log.time_step), most))
+    starts = np.arange(steps, log.num_steps - steps + 1, steps)
+    # The belief after step k is that at sample k+1.
+    states = np.column_stack([trace.positions[starts - 1], trace.velocities[starts - 1]])
+    controls = log.controls[starts[:, np.newaxis] + np.arange(steps)]
+    ends = rollout_on(plant, states, controls)[:, -1, 0]
+    return (
+        ends - log.positions[starts + steps],
+        log.positions[starts + steps] - log.positions[starts],
+        steps,
+    )
+
+
+def _parameters(
+    fit: Fit,
+    middle: FloatArray,
+    sample: Sample,
+    wider: float,
+    motion: Motion,
+    quality: Quality,
+) -> tuple[Parameter, ...]:
+    """Return the estimates of all that is not known, and of what cannot be told, why."""
+    space = fit.space
+    values, at = space.values(sample.points), space.values(middle[np.newaxis])
+    parameters = []
+    for name in space.names:
+        if name in NOISES:
+            continue
+        key = name if name in values else f"{name}.forward"
+        value = float(at[key][0])
+        low, high = np.quantile(values[key], LEVELS)
+        lower, upper = value - wider * (value - low), value + wider * (high - value)
+        if name != "bias":
+            lower = max(0.0, lower)
+        error = wider * float(np.std(values[key]))
+        half = 0.5 * (upper - lower)
+        reason = why_not_told(name, value, half, space.scale, motion, quality.condition_number)
+        parameters.append(
+            Parameter(name, value, error, (float(lower), float(upper)), reason is None, reason)
+        )
+    if space.fixed_bias is not None:
+        parameters.append(
+            Parameter(
+                "bias",
+                space.fixed_bias,
+                0.0,
+                (space.fixed_bias, space.fixed_bias),
+                False,
+                "a bias and frictions that differ by direction move a mass alike; it is taken as "
+                f"{space.fixed_bias:.3g}, and the frictions are those beside it",
+            )
+        )
+    return tuple(parameters)
+
+
+def _ensemble(
+    fit: Fit,
+    middle: FloatArray,
+    sample: Sample,
+    wider: float,
+    num_systems: int,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return points (S, d) of the sample, as much wider as the intervals where they can be."""
+    points = sample.points[rng.choice(len(sample.points), num_systems)]
+    stretched = middle + wider * (points - middle)
+    possible: BoolArray = fit.space.plants(stretched)[2]
+    return np.where(possible[:, np.newaxis], stretched, points)
+
+
+def _limits(plant: Plant) -> float | ControlLimits:
+    lowest, highest = plant.lowest_control, plant.highest_control
+    return highest if lowest == -highest else ControlLimits(lowest, highest)
+
+
+def _warnings(quality: Quality, overall: float, motion: Motion) -> list[str]:
+    warnings = []
+    if quality.r2 < GOOD_R2:
+        warnings.append(
+            f"the plant predicts {quality.r2:.0%} of what the machine moves in "
+            f"{quality.window_s:.2g} s: something else moves it, too"
+        )
+    if overall > OVERCONFIDENT:
+        warnings.append(
+            "prediction errors are not independent of each other: the machine has more to it than "
+            f"the plant; intervals are {np.sqrt(overall):.1f} times as wide as errors alone ask for"
+        )
+    if motion.moving_steps < motion.FEW_STEPS:
+        warnings.append(f"the machine moves in {motion.moving_steps} steps only")
+    return warnings
+
+
+OVERCONFIDENT = 1.5
+"""Variances that are so many times as large as the likelihood says."""

@@ -133,6 +133,16 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
     variance = kept * kept * sliding.velocity_variance + (step * noise) ** 2
     free = taken.direction * taken.free_velocity
     on = _cut(free, variance)
+    if on.probability == 1.0:
+        goes_on = Mode(
+            probability,
+            position + step * taken.free_velocity,
+            taken.free_velocity,
+            sliding.position_variance + step * (2.0 * kept * sliding.covariance + step * variance),
+            kept * sliding.covariance + step * variance,
+            variance,
+        )
+        return goes_on, Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     # What the cut says of the velocity it says of the position, too.
     by_velocity = kept * sliding.covariance / max(variance, TINY)
     velocity = taken.direction * on.mean
@@ -146,8 +156,6 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
         covariance + step * on.variance,
         on.variance,
     )
-    if on.probability == 1.0:
-        return goes_on, Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     stopped = _cut(-free, variance)
     change = taken.direction * (-stopped.mean - free)
     return goes_on, Mode(
@@ -224,8 +232,8 @@ def update_position(belief: Belief, measured: float, noise: float) -> tuple[Beli
         measured: m.
         noise: standard deviation of the measurement, m.
     """
-    rest, rest_likely = _corrected(belief.rest, measured, noise, 1.0, 0.0)
-    sliding, sliding_likely = _corrected(belief.sliding, measured, noise, 1.0, 0.0)
+    rest, rest_likely = _at_position(belief.rest, measured, noise)
+    sliding, sliding_likely = _at_position(belief.sliding, measured, noise)
     return _weighed(rest, rest_likely, sliding, sliding_likely)
 
 
@@ -238,37 +246,61 @@ def update_velocity(belief: Belief, measured: float, noise: float) -> tuple[Beli
         measured: m/s.
         noise: standard deviation of the measurement, m/s.
     """
-    rest, rest_likely = _corrected(belief.rest, measured, noise, 0.0, 1.0)
-    sliding, sliding_likely = _corrected(belief.sliding, measured, noise, 0.0, 1.0)
+    rest, rest_likely = _at_velocity(belief.rest, measured, noise)
+    sliding, sliding_likely = _at_velocity(belief.sliding, measured, noise)
     return _weighed(rest, rest_likely, sliding, sliding_likely)
 
 
 @compiled
-def _corrected(
-    mode: Mode, measured: float, noise: float, of_position: float, of_velocity: float
-) -> tuple[Mode, float]:
-    """Return a mode once a share of each was measured, and the measurement's log-likelihood."""
+def _at_position(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
+    """Return a mode once a position was measured, and the measurement's log-likelihood."""
     if mode.probability == 0.0:
         return mode, 0.0
-    with_position = of_position * mode.position_variance + of_velocity * mode.covariance
-    with_velocity = of_position * mode.covariance + of_velocity * mode.velocity_variance
-    variance = of_position * with_position + of_velocity * with_velocity + noise * noise
-    innovation = measured - of_position * mode.position - of_velocity * mode.velocity
-    square = innovation * innovation / variance
-    if square > OUTLIER:
-        square = OUTLIER * (1.0 + math.log(square / OUTLIER))
-    gain, gain_of_velocity = with_position / variance, with_velocity / variance
+    variance = mode.position_variance + noise * noise
+    innovation = measured - mode.position
+    inverse = 1.0 / variance
+    gain, gain_of_velocity = mode.position_variance * inverse, mode.covariance * inverse
     return (
         Mode(
             mode.probability,
             mode.position + gain * innovation,
             mode.velocity + gain_of_velocity * innovation,
-            mode.position_variance - gain * with_position,
-            mode.covariance - gain * with_velocity,
-            mode.velocity_variance - gain_of_velocity * with_velocity,
+            gain * noise * noise,
+            gain_of_velocity * noise * noise,
+            mode.velocity_variance - gain_of_velocity * mode.covariance,
         ),
-        -0.5 * (math.log(variance) + square + LOG_2_PI),
+        _log_density(innovation * innovation * inverse, variance),
     )
+
+
+@compiled
+def _at_velocity(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
+    """Return a mode once a velocity was measured, and the measurement's log-likelihood."""
+    if mode.probability == 0.0:
+        return mode, 0.0
+    variance = mode.velocity_variance + noise * noise
+    innovation = measured - mode.velocity
+    inverse = 1.0 / variance
+    gain, gain_of_position = mode.velocity_variance * inverse, mode.covariance * inverse
+    return (
+        Mode(
+            mode.probability,
+            mode.position + gain_of_position * innovation,
+            mode.velocity + gain * innovation,
+            mode.position_variance - gain_of_position * mode.covariance,
+            gain_of_position * noise * noise,
+            gain * noise * noise,
+        ),
+        _log_density(innovation * innovation * inverse, variance),
+    )
+
+
+@compiled
+def _log_density(square: float, variance: float) -> float:
+    """Return the logarithm of a normal density, with heavier tails far out."""
+    if square > OUTLIER:
+        square = OUTLIER * (1.0 + math.log(square / OUTLIER))
+    return -0.5 * (math.log(variance) + square + LOG_2_PI)
 
 
 @compiled

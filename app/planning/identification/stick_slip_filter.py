@@ -8,7 +8,7 @@ friction law has it. Nothing here knows a log, or what the likelihood is for.
 import math
 from typing import NamedTuple
 
-from app.compilation import compiled
+from app.compilation import inlined
 from app.planning.plant.friction import STUCK, acceleration, take_step
 from app.planning.plant.system import Plant
 
@@ -52,7 +52,7 @@ class Cut(NamedTuple):
     variance: float
 
 
-@compiled
+@inlined
 def started(position: float, position_noise: float, velocity: float, deviation: float) -> Belief:
     """Return the belief of a mass that rests or slides, as likely the one as the other.
 
@@ -69,7 +69,7 @@ def started(position: float, position_noise: float, velocity: float, deviation: 
     )
 
 
-@compiled
+@inlined
 def mean_state(belief: Belief) -> tuple[float, float]:
     """Return the mean position (m) and velocity (m/s)."""
     rest, sliding = belief.rest, belief.sliding
@@ -77,7 +77,7 @@ def mean_state(belief: Belief) -> tuple[float, float]:
     return position, sliding.probability * sliding.velocity
 
 
-@compiled
+@inlined
 def predict(belief: Belief, control: float, plant: Plant, noise: float) -> Belief:
     """Return the belief after one step under `control` (units of control).
 
@@ -96,7 +96,7 @@ def predict(belief: Belief, control: float, plant: Plant, noise: float) -> Belie
     return _normalised(_merged(stays, stops), _merged(set_off, goes_on))
 
 
-@compiled
+@inlined
 def _set_off(rest: Mode, control: float, plant: Plant, noise: float) -> Mode:
     """Return what of a mass at rest breaks away, forward or backward, whichever is nearer."""
     step = plant.time_step
@@ -119,7 +119,7 @@ def _set_off(rest: Mode, control: float, plant: Plant, noise: float) -> Mode:
     )
 
 
-@compiled
+@inlined
 def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mode, Mode]:
     """Return what of a sliding mass goes on, and what stops."""
     probability, position = sliding.probability, sliding.position
@@ -168,7 +168,7 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
     )
 
 
-@compiled
+@inlined
 def _cut(mean: float, variance: float) -> Cut:
     """Return what of a normal distribution lies above zero, by its moments."""
     deviation = math.sqrt(max(0.0, variance))  # rounding may leave it a little below zero
@@ -183,7 +183,7 @@ def _cut(mean: float, variance: float) -> Cut:
     return Cut(probability, max(0.0, mean + hazard * deviation), left * variance)
 
 
-@compiled
+@inlined
 def _merged(one: Mode, other: Mode) -> Mode:
     """Return both as one, of the same mean and covariance."""
     if other.probability <= 0.0:
@@ -205,12 +205,12 @@ def _merged(one: Mode, other: Mode) -> Mode:
     )
 
 
-@compiled
+@inlined
 def _between(one: float, other: float, share: float) -> float:
     return one + share * (other - one)
 
 
-@compiled
+@inlined
 def _normalised(rest: Mode, sliding: Mode) -> Belief:
     """Return both with probabilities that add up to 1, and without a mode that is as good as none."""
     if rest.probability == 0.0 and sliding.probability == 1.0:
@@ -223,7 +223,7 @@ def _normalised(rest: Mode, sliding: Mode) -> Belief:
     return Belief(_of(probability, rest), _of(1.0 - probability, sliding))
 
 
-@compiled
+@inlined
 def update_position(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
     """Return the belief once a position was measured, and the measurement's log-likelihood.
 
@@ -237,7 +237,7 @@ def update_position(belief: Belief, measured: float, noise: float) -> tuple[Beli
     return _weighed(rest, rest_likely, sliding, sliding_likely)
 
 
-@compiled
+@inlined
 def update_velocity(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
     """Return the belief once a velocity was measured, and the measurement's log-likelihood.
 
@@ -251,7 +251,7 @@ def update_velocity(belief: Belief, measured: float, noise: float) -> tuple[Beli
     return _weighed(rest, rest_likely, sliding, sliding_likely)
 
 
-@compiled
+@inlined
 def _at_position(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
     """Return a mode once a position was measured, and the measurement's log-likelihood."""
     if mode.probability == 0.0:
@@ -273,7 +273,7 @@ def _at_position(mode: Mode, measured: float, noise: float) -> tuple[Mode, float
     )
 
 
-@compiled
+@inlined
 def _at_velocity(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
     """Return a mode once a velocity was measured, and the measurement's log-likelihood."""
     if mode.probability == 0.0:
@@ -295,7 +295,7 @@ def _at_velocity(mode: Mode, measured: float, noise: float) -> tuple[Mode, float
     )
 
 
-@compiled
+@inlined
 def _log_density(square: float, variance: float) -> float:
     """Return the logarithm of a normal density, with heavier tails far out."""
     if square > OUTLIER:
@@ -303,7 +303,7 @@ def _log_density(square: float, variance: float) -> float:
     return -0.5 * (math.log(variance) + square + LOG_2_PI)
 
 
-@compiled
+@inlined
 def _weighed(
     rest: Mode, rest_likely: float, sliding: Mode, sliding_likely: float
 ) -> tuple[Belief, float]:
@@ -319,7 +319,7 @@ def _weighed(
     return belief, most + math.log(at_rest + in_motion)
 
 
-@compiled
+@inlined
 def _of(probability: float, mode: Mode) -> Mode:
     """Return a mode with another probability."""
     return Mode(

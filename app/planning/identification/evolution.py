@@ -31,7 +31,7 @@ class Found(NamedTuple):
 def maximise(
     function: Callable[[FloatArray], FloatArray],
     start: FloatArray,
-    deviations: FloatArray,
+    covariance: FloatArray,
     rng: np.random.Generator,
     *,
     generations: int,
@@ -43,7 +43,7 @@ def maximise(
     Args:
         function: of points (N, d), values (N,); -inf where there is none.
         start: (d,).
-        deviations: (d,), how far the maximum may be.
+        covariance: (d, d), of where the maximum may be.
         rng: draws the points.
         generations: at most.
         population: points in each.
@@ -64,7 +64,6 @@ def maximise(
     )
     expected_length = np.sqrt(size) * (1.0 - 1.0 / (4.0 * size) + 1.0 / (21.0 * size**2))
     mean, sigma = start.copy(), 1.0
-    covariance = np.diag(deviations**2)
     path, sigma_path = np.zeros(size), np.zeros(size)
     best, best_value = start.copy(), float(function(start[np.newaxis])[0])
     recent: list[float] = []

@@ -32,11 +32,9 @@ FIRST_EXCESSES = (0.1, 0.4)
 """Of static over Coulomb friction, that a start may have."""
 FIRST_NOISES = (0.05, 0.3)
 """Of the random acceleration over what controls do, that a start may have."""
-NARROW = 0.2
-"""Of the unknowns' widths: where the search begins to look."""
 POPULATION = 24
 GENERATIONS = 200
-CHAIN_GENERATIONS = 50
+CHAIN_GENERATIONS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,20 +100,24 @@ class Fit:
     def climb(
         self,
         start: FloatArray,
+        covariance: FloatArray,
         rng: np.random.Generator,
         generations: int = GENERATIONS,
-        deviations: FloatArray | None = None,
     ) -> Found:
-        """Search for the likeliest point from a start (d,)."""
+        """Search for the likeliest point from a start (d,), with a covariance (d, d) around it."""
         return maximise(
             self.value,
             start,
-            NARROW * self.space.widths if deviations is None else deviations,
+            covariance,
             rng,
             generations=generations,
             population=POPULATION,
             spread=start.size,
         )
+
+    def around(self, share: float) -> FloatArray:
+        """Return the covariance (d, d) of where a search begins, in shares of the widths."""
+        return np.diag((share * self.space.widths) ** 2)
 
     def sample(self, found: Found, rng: np.random.Generator) -> Sample:
         """Draw a sample of the posterior around where a search ended."""

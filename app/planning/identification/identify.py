@@ -4,12 +4,13 @@ Guess by least squares, find the delay, climb to the likeliest plant, see whethe
 by direction, sample what else it may be, judge. Each step is in a file of its own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from app.planning.arrays import FloatArray
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
 from app.planning.identification.log import Log, UnusableLog
@@ -23,14 +24,16 @@ MOST_DELAY = 8
 """Steps that are tried."""
 DELAYS_TRIED = 3
 """Of them, those that are climbed for a little."""
-DELAY_GENERATIONS = 20
+DELAY_GENERATIONS = 12
+GUESSES_TRIED = 2
 MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
 """Log-likelihoods that are no farther apart hardly tell two delays apart."""
-DIRECTION_GENERATIONS = 60
-NEARBY = 0.06
-"""Of the unknowns' widths: where frictions by direction are first looked for."""
+DIRECTION_GENERATIONS = 30
+BROAD, NEARBY = 0.2, 0.06
+"""Of the unknowns' widths: where a search begins to look, and where frictions by direction are
+looked for once those that are the same both ways are known."""
 LEAST_THRESHOLD = 0.01
 """Of the speeds in a log: no threshold of rest is above that."""
 EVALUATIONS = 9000
@@ -67,16 +70,13 @@ def identify(
         Stopped: it is not wanted any more.
     """
     stride = max(1, log.num_steps // MOST_MEASUREMENTS)
-    delay, rival = _delay(log, question, stride, rng, stop)
+    delay, begun, rival = _delay(log, question, stride, rng, stop)
     acting = log.delayed(delay)
-    found = _guesses(acting)
-    space = _space(acting, question.known, found[0])
-    by_direction = question.by_direction
-    fit = Fit.of(space, acting, stride, stop)
-    starts = fit.starts(found, acting.position_noise)
-    likeliest = fit.climb(starts[np.argmax(fit.value(starts))], rng)
-    if by_direction is not False:
-        fit, likeliest = _by_direction(fit, likeliest, rng, is_asked_for=by_direction is True)
+    fit = Fit.of(_space(acting, question.known, _guesses(acting)[0]), acting, stride, stop)
+    likeliest = fit.climb(begun.best, begun.covariance, rng)
+    if question.by_direction is not False:
+        is_asked_for = question.by_direction is True
+        fit, likeliest = _by_direction(fit, likeliest, rng, is_asked_for=is_asked_for)
     sample = fit.sample(likeliest, rng)
     identified = judge(fit, acting, likeliest, sample, question.num_systems, rng)
     warnings = list(identified.warnings)
@@ -92,39 +92,55 @@ def identify(
     return replace(identified, delay_steps=delay, warnings=tuple(warnings))
 
 
+class _Begun(NamedTuple):
+    """A delay that was tried."""
+
+    delay: int
+    fit: Fit
+    start: FloatArray
+    """(d,)."""
+    value: float
+    """Of the start."""
+
+
 def _delay(
     log: Log, question: Question, stride: int, rng: np.random.Generator, stop: Stop
-) -> tuple[int, int | None]:
-    """Return the likeliest delay, and another one that is nearly as likely, if there is one."""
-    if question.delay_steps is not None:
-        return question.delay_steps, None
+) -> tuple[int, Found, int | None]:
+    """Return the likeliest delay, how far a search for its plant got, and a delay nearly as likely.
+
+    Raises:
+        UnusableLog: there is none that a search could begin with.
+    """
     most = min(MOST_DELAY, log.num_steps // 10)
-    fits, starts = [], []
-    for delay in range(most + 1):
+    if question.delay_steps is None:
+        delays: Iterable[int] = range(most + 1)
+    else:
+        most = question.delay_steps
+        delays = [most]
+    begun, refusal = [], None
+    for delay in delays:
         delayed = log.delayed(delay, most)
-        found = guesses(delayed)
-        found = [guess for guess in found if guess.control_gain > 0.0]
-        if not found:
+        try:
+            found = _guesses(delayed)
+        except UnusableLog as error:
+            refusal = refusal or error
             continue
-        found = sorted(found, key=lambda guess: -guess.explained)[:2]
         fit = Fit.of(_space(delayed, question.known, found[0]), delayed, stride, stop)
-        points = fit.starts(found, delayed.position_noise)
-        values = fit.value(points)
+        starts = fit.starts(found[:GUESSES_TRIED], delayed.position_noise)
+        values = fit.value(starts)
         best = int(np.argmax(values))
-        fits.append((delay, fit))
-        starts.append((float(values[best]), points[best]))
-    if not fits:
-        return 0, None  # there the reason is told
-    order = sorted(range(len(fits)), key=lambda i: -starts[i][0])[:DELAYS_TRIED]
-    climbed = sorted(
-        (
-            (fits[i][1].climb(starts[i][1], rng, DELAY_GENERATIONS).value, -fits[i][0])
-            for i in order
-        ),
-        reverse=True,
-    )
-    is_close = len(climbed) > 1 and climbed[0][0] - climbed[1][0] < CLOSE
-    return -climbed[0][1], -climbed[1][1] if is_close else None
+        begun.append(_Begun(delay, fit, starts[best], float(values[best])))
+    if refusal and not begun:
+        raise refusal
+    begun.sort(key=lambda each: -each.value)
+    climbed = [
+        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS), each.delay)
+        for each in begun[:DELAYS_TRIED]
+    ]
+    climbed.sort(key=lambda each: -each[0].value)
+    (found_best, delay), *others = climbed
+    is_close = bool(others) and found_best.value - others[0][0].value < CLOSE
+    return delay, found_best, others[0][1] if is_close else None
 
 
 def _guesses(log: Log) -> list[Guess]:
@@ -207,11 +223,10 @@ def _by_direction(
         values[f"{field_name}.forward"] -= shift
         values[f"{field_name}.backward"] += shift
     start = other.space.point(values)
-    generations = DIRECTION_GENERATIONS
-    found = other.climb(start, rng, generations, deviations=NEARBY * other.space.widths)
+    found = other.climb(start, other.around(NEARBY), rng, DIRECTION_GENERATIONS)
     # Schwarz's criterion; a log that is badly explained has to say it more clearly.
     measurements = fit.record.controls.size / fit.record.stride
     more = len(other.space.names) - len(space.names)
     if is_asked_for or found.value - same.value > 0.5 * (more + 1) * np.log(measurements):
-        return other, other.climb(found.best, rng, deviations=np.sqrt(np.diag(found.covariance)))
+        return other, other.climb(found.best, found.covariance, rng)
     return fit, same

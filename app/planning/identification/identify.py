@@ -14,8 +14,8 @@ from app.planning.arrays import FloatArray
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
 from app.planning.identification.log import Log, UnusableLog
-from app.planning.identification.parameters import BIAS, COULOMB, GAIN, Scale, Space
-from app.planning.identification.starts import Guess, guesses
+from app.planning.identification.parameters import BIAS, COULOMB, Space
+from app.planning.identification.starts import guesses, scale_of
 from app.planning.identification.verdict import Identification, judge
 from app.planning.plant.system import System
 from app.planning.stop import NEVER, Stop
@@ -24,14 +24,14 @@ MOST_DELAY = 8
 """Steps that are tried."""
 DELAYS_TRIED = 3
 """Of them, those that are climbed for a little."""
+DELAYS_LEFT = 2
 DELAY_GENERATIONS = 12
-GUESSES_TRIED = 2
 MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
 """Log-likelihoods that are no farther apart hardly tell two delays apart."""
-DIRECTION_GENERATIONS = 30
-BROAD, NEARBY = 0.2, 0.06
+DIRECTION_GENERATIONS = 70
+BROAD, NEARBY = 0.2, 0.1
 """Of the unknowns' widths: where a search begins to look, and where frictions by direction are
 looked for once those that are the same both ways are known."""
 LEAST_THRESHOLD = 0.01
@@ -72,7 +72,7 @@ def identify(
     stride = max(1, log.num_steps // MOST_MEASUREMENTS)
     delay, begun, rival = _delay(log, question, stride, rng, stop)
     acting = log.delayed(delay)
-    fit = Fit.of(_space(acting, question.known, _guesses(acting)[0]), acting, stride, stop)
+    fit = Fit.of(_space(acting, question.known), acting, stride, stop)
     likeliest = fit.climb(begun.best, begun.covariance, rng)
     if question.by_direction is not False:
         is_asked_for = question.by_direction is True
@@ -109,7 +109,7 @@ def _delay(
     """Return the likeliest delay, how far a search for its plant got, and a delay nearly as likely.
 
     Raises:
-        UnusableLog: there is none that a search could begin with.
+        UnusableLog: what is known contradicts itself.
     """
     most = min(MOST_DELAY, log.num_steps // 10)
     if question.delay_steps is None:
@@ -117,65 +117,39 @@ def _delay(
     else:
         most = question.delay_steps
         delays = [most]
-    begun, refusal = [], None
+    begun = []
     for delay in delays:
         delayed = log.delayed(delay, most)
-        try:
-            found = _guesses(delayed)
-        except UnusableLog as error:
-            refusal = refusal or error
-            continue
-        fit = Fit.of(_space(delayed, question.known, found[0]), delayed, stride, stop)
-        starts = fit.starts(found[:GUESSES_TRIED], delayed.position_noise)
+        space = _space(delayed, question.known)
+        fit = Fit.of(space, delayed, stride, stop)
+        starts = fit.starts(guesses(delayed, space.scale), delayed.position_noise)
         values = fit.value(starts)
         best = int(np.argmax(values))
         begun.append(_Begun(delay, fit, starts[best], float(values[best])))
-    if refusal and not begun:
-        raise refusal
     begun.sort(key=lambda each: -each.value)
     climbed = [
-        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS), each.delay)
+        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS), each)
         for each in begun[:DELAYS_TRIED]
     ]
+    # Once more for those that lead.
     climbed.sort(key=lambda each: -each[0].value)
-    (found_best, delay), *others = climbed
-    is_close = bool(others) and found_best.value - others[0][0].value < CLOSE
-    return delay, found_best, others[0][1] if is_close else None
+    climbed = [
+        (each.fit.climb(found.best, found.covariance, rng, DELAY_GENERATIONS), each)
+        for found, each in climbed[:DELAYS_LEFT]
+    ]
+    climbed.sort(key=lambda each: -each[0].value)
+    (found, first), *others = climbed
+    is_close = bool(others) and found.value - others[0][0].value < CLOSE
+    return first.delay, found, others[0][1].delay if is_close else None
 
 
-def _guesses(log: Log) -> list[Guess]:
-    """Return guesses whose gain is positive, the best first.
+def _space(log: Log, known: Mapping[str, Any]) -> Space:
+    """Return the unknowns of a log, with frictions that are the same both ways.
 
     Raises:
-        UnusableLog: there are none.
+        UnusableLog: what is known contradicts itself.
     """
-    found = guesses(log)
-    if not found:
-        raise UnusableLog(
-            "positions",
-            "the machine hardly moves: there are too few stretches of it in one direction, beyond "
-            "the noise, to make out what a control does",
-        )
-    found.sort(key=lambda guess: -guess.explained)
-    positive = [guess for guess in found if guess.control_gain > 0.0]
-    if not positive:
-        raise UnusableLog(
-            "controls",
-            "a positive control seems to push backward: turn the sign of controls or positions",
-        )
-    return positive
-
-
-def _space(log: Log, known: Mapping[str, Any], guess: Guess) -> Space:
-    """Return the unknowns of a log, with frictions that are the same both ways."""
-    gain = known.get(GAIN, guess.control_gain)
-    speeds = np.abs(np.diff(log.positions)) / log.time_step
-    speed = float(np.quantile(speeds, 0.8))
-    scale = Scale(
-        acceleration=max(float(np.sqrt(np.mean((gain * log.controls) ** 2))), 1e-6),
-        velocity=max(speed, 1e-9),
-        control=float(np.max(np.abs(log.controls))),
-    )
+    scale = scale_of(log)
     rest = {
         COULOMB: 0.0,
         "static_friction": known.get(COULOMB, 0.0),

@@ -10,13 +10,15 @@ from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit, Trace
 from app.planning.identification.log import Log, UnusableLog
 from app.planning.identification.motion import Motion
-from app.planning.identification.parameters import NOISES
+from app.planning.identification.parameters import BIAS, COULOMB, NOISES, STATIC
 from app.planning.identification.posterior import Sample, inflation
 from app.planning.plant.rollout import rollout_on
 from app.planning.plant.system import ControlLimits, Plant, System
 
-LEVELS = 0.025, 0.975
-"""Of the intervals."""
+COVERED = 0.95
+"""By the intervals."""
+TOUCHING = 0.1
+"""An interval that begins at less than this share of its end begins at nothing."""
 WINDOW_SECONDS = 0.5
 LEAST_WINDOWS = 4
 LEAST_WINDOW_STEPS = 5
@@ -125,7 +127,7 @@ def judge(
             "controls",
             f"no plant of this kind explains the motion: the best one predicts {quality.r2:.0%} of "
             f"what the machine moves in {quality.window_s:.2g} s; are these the controls of this "
-            "axis, in their order?",
+            "axis, in their order, and does a positive one push forward?",
         )
     overall, _ = inflation(sample)
     wider = float(np.sqrt(max(1.0, overall)))
@@ -205,9 +207,14 @@ def _parameters(
             continue
         key = name if name in values else f"{name}.forward"
         value = float(at[key][0])
-        low, high = np.quantile(values[key], LEVELS)
+        low, high = _shortest(values[key])
+        if name.startswith(STATIC):
+            coulomb = values[key.replace(STATIC, COULOMB)]
+            excess, most = _shortest(values[key] - coulomb)
+            if excess < TOUCHING * most:  # it may as well be no more than Coulomb friction
+                low = min(low, _shortest(coulomb)[0])
         lower, upper = value - wider * (value - low), value + wider * (high - value)
-        if name != "bias":
+        if name != BIAS:
             lower = max(0.0, lower)
         error = wider * float(np.std(values[key]))
         half = 0.5 * (upper - lower)
@@ -228,6 +235,16 @@ def _parameters(
             )
         )
     return tuple(parameters)
+
+
+def _shortest(values: FloatArray) -> tuple[float, float]:
+    """Return the shortest interval with 95 % of the values (N,): it begins at a bound they pile up
+    at, where one with as many below as above would leave the bound out."""
+    ordered = np.sort(values)
+    within = int(np.ceil(COVERED * ordered.size))
+    widths = ordered[within - 1 :] - ordered[: ordered.size - within + 1]
+    first = int(np.argmin(widths))
+    return float(ordered[first]), float(ordered[first + within - 1])
 
 
 def _ensemble(

@@ -42,14 +42,9 @@ def why_not_told(
         condition_number: of the estimates' correlations.
     """
     field, _, way = name.partition(".")
-    if motion.moving_steps < motion.FEW_STEPS:
-        return f"the machine moves in {motion.moving_steps} steps only"
-    if way and not motion.moved[0 if way == "forward" else 1]:
-        return f"the machine does not move {way} in this log"
-    if field == STATIC:
-        reason = _why_no_static(way, motion)
-        if reason:
-            return reason
+    reason = _why_not_seen(field, way, motion)
+    if reason is not None:
+        return reason
     # What the uncertainty makes of an acceleration, and what counts as none.
     as_acceleration = half_width * {
         GAIN: scale.acceleration / max(value, 1e-300),
@@ -69,6 +64,15 @@ def why_not_told(
     if field in (COULOMB, BIAS) and not all(motion.moved):
         return f"{spread}: in one direction a bias cannot be told from friction"
     return f"{spread} (condition number {condition_number:.0f})"
+
+
+def _why_not_seen(field: str, way: str, motion: Motion) -> str | None:
+    """Return why there was nothing to tell a parameter from, whatever the fit says of it."""
+    if motion.moving_steps < motion.FEW_STEPS:
+        return f"the machine moves in {motion.moving_steps} steps only"
+    if way and not motion.moved[0 if way == "forward" else 1]:
+        return f"the machine does not move {way} in this log"
+    return _why_no_static(way, motion) if field == STATIC else None
 
 
 def _why_no_static(way: str, motion: Motion) -> str | None:

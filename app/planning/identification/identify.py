@@ -13,7 +13,7 @@ import numpy as np
 from app.planning.arrays import FloatArray
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
-from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.log import LEAST_STEPS, Log, UnusableLog
 from app.planning.identification.parameters import BIAS, COULOMB, Space
 from app.planning.identification.starts import guesses, scale_of
 from app.planning.identification.verdict import Identification, judge
@@ -52,6 +52,18 @@ class Question:
     """Of the actuator; None to let the log say."""
     num_systems: int = 32
     """Of the ensemble."""
+
+    def check(self, log: Log) -> None:
+        """Check that it can be asked of a log.
+
+        Raises:
+            UnusableLog: the log is too short for such a delay, or what is known contradicts itself.
+        """
+        if self.delay_steps and log.num_steps - self.delay_steps < LEAST_STEPS:
+            raise UnusableLog(
+                "delay_steps", f"of {log.num_steps} steps, too few are left after such a delay"
+            )
+        _space(log, self.known)
 
 
 def identify(

@@ -100,7 +100,7 @@ class Log:
         than 0.6745 standard deviations, which noise makes the root of 20 times as large.
         """
         thirds = np.abs(np.diff(self.positions, 3))
-        return max(float(np.median(thirds)) / 0.6745 / np.sqrt(20.0), self.least_noise)
+        return max(float(np.median(thirds)) / 0.6745 / 20.0**0.5, self.least_noise)
 
     @property
     def least_noise(self) -> float:

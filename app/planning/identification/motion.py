@@ -9,6 +9,7 @@ import numpy as np
 from app.planning.identification.fitting import Trace
 from app.planning.identification.log import Log
 
+LIKELY = 0.5
 REST_MEASUREMENTS = 3
 """A mass that rests for fewer passes through zero."""
 
@@ -36,7 +37,7 @@ class Motion:
     @classmethod
     def of(cls, trace: Trace, log: Log, stride: int) -> "Motion":
         """Return what the filter saw."""
-        rests = trace.rest > 0.5
+        rests = trace.rest > LIKELY
         moving = ~rests
         speeds = np.abs(trace.velocities[moving])
         least = REST_MEASUREMENTS * stride

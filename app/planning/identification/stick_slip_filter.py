@@ -212,7 +212,7 @@ def _between(one: float, other: float, share: float) -> float:
 
 @inlined
 def _normalised(rest: Mode, sliding: Mode) -> Belief:
-    """Return both with probabilities that add up to 1, and without a mode that is as good as none."""
+    """Return both with probabilities that add up to 1; what is as good as none is none."""
     if rest.probability == 0.0 and sliding.probability == 1.0:
         return Belief(rest, sliding)
     probability = rest.probability / (rest.probability + sliding.probability)

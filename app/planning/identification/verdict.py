@@ -164,7 +164,7 @@ def _quality(
     return Quality(
         window_s=steps * log.time_step,
         end_error_rms=float(np.sqrt(np.mean(errors**2))),
-        r2=1.0 - float(np.mean(errors**2) / max(np.mean(moved**2), 1e-300)),
+        r2=1.0 - float(np.mean(errors**2)) / max(float(np.mean(moved**2)), 1e-300),
         residual=float(np.sqrt(np.mean(trace.squared_errors[measured]))) if measured.any() else 0.0,
         acceleration_noise=float(noises[0, 0]),
         position_noise=float(noises[0, 1]),

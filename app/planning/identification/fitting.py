@@ -22,6 +22,7 @@ from app.planning.identification.parameters import (
     Space,
 )
 from app.planning.identification.posterior import Sample, draw_sample
+from app.planning.identification.prediction import Trace, trace
 from app.planning.identification.starts import Guess
 from app.planning.stop import Stop
 from app.planning.uncertainty.ensemble import Scenarios
@@ -73,7 +74,7 @@ class Fit:
         """Return the posterior's logarithm at points (N, d): (N,)."""
         return self.log_density(x)[0]
 
-    def starts(self, found: list[Guess], position_noise: float) -> FloatArray:
+    def starts(self, found: list[Guess], log: Log) -> FloatArray:
         """Return points (N, d) to start from, of guesses by least squares."""
         scale = self.space.scale
         points = []
@@ -87,8 +88,8 @@ class Fit:
                         GAIN: guess.control_gain,
                         BIAS: bias,
                         NOISES[0]: noise * scale.acceleration,
-                        NOISES[1]: 1.01 * position_noise,
-                        NOISES[2]: position_noise / self.space.base.time_step,
+                        NOISES[1]: 1.01 * log.position_noise,
+                        NOISES[2]: 1.01 * (log.velocity_noise or 1.0),
                     }
                     # Where it may not be a bias, it is a friction that differs by direction.
                     shift = 0.0 if self.space.fixed_bias is None else bias
@@ -131,26 +132,10 @@ class Fit:
             generations=CHAIN_GENERATIONS * found.best.size,
         )
 
-    def trace(self, x: FloatArray) -> "Trace":
+    def trace(self, x: FloatArray) -> Trace:
         """Return what the filter makes of the log on one plant, (d,), step by step."""
         plants, noises, _ = self.space.plants(x[np.newaxis])
-        steps = self.record.controls.size
-        result = log_likelihoods(_scenarios(plants), noises, self.record, steps)[0]
-        return Trace(result[1], result[2], result[3], result[4])
-
-
-@dataclass(frozen=True, slots=True)
-class Trace:
-    """The filter's belief after each step, (N,) each."""
-
-    rest: FloatArray
-    """Probability of rest."""
-    squared_errors: FloatArray
-    """Of the predicted positions, m^2; 0 where none was measured."""
-    positions: FloatArray
-    """m."""
-    velocities: FloatArray
-    """m/s."""
+        return trace(plants[0], noises[0], self.record)
 
 
 def _scenarios(plants: FloatArray) -> Scenarios:

@@ -97,6 +97,12 @@ def identify(
             f"a delay of {rival} steps explains the log nearly as well as one of {delay}: the gain "
             "and the frictions are those of the delay that is given"
         )
+    bias = next((each for each in identified.parameters if each.name == BIAS), None)
+    if bias and bias.identifiable and not bias.interval[0] <= 0.0 <= bias.interval[1]:
+        warnings.append(
+            "a bias moves a mass as frictions do that differ by it in both directions; "
+            "direction_dependent takes it for that"
+        )
     if "control_limit" not in question.known:
         warnings.append(
             "control_limit is the largest control in the log; say the machine's own as known"
@@ -134,7 +140,7 @@ def _delay(
         delayed = log.delayed(delay, most)
         space = _space(delayed, question.known)
         fit = Fit.of(space, delayed, stride, stop)
-        starts = fit.starts(guesses(delayed, space.scale), delayed.position_noise)
+        starts = fit.starts(guesses(delayed, space.scale), delayed)
         values = fit.value(starts)
         best = int(np.argmax(values))
         begun.append(_Begun(delay, fit, starts[best], float(values[best])))

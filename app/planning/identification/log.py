@@ -14,7 +14,7 @@ LEAST_STEPS = 30
 """Fewer samples than this say nothing about five parameters and their noise."""
 LEAST_TIME_STEP, MOST_TIME_STEP = 1e-5, 5.0
 """s: no controller is faster, no machine with friction moves so slowly."""
-FASTEST = 300.0
+FASTEST = 100.0
 """m/s or rad/s: as good as sure that positions are in mm, or time steps in ms."""
 SLOWEST = 1e-7
 """m/s: as good as sure that time steps are in ms, or positions in km."""
@@ -26,6 +26,8 @@ INCONSISTENT = 0.2
 """By what share velocities may differ from what positions say."""
 WINDOW_STARTS = 3
 """Steps over which the velocity at the start is looked at."""
+NORMAL_MEDIAN = 0.6745
+"""Of the absolute values of a normal distribution, in standard deviations."""
 FLOOR = 1e-7
 """Of the range of the positions: no sensor is taken for better."""
 
@@ -94,13 +96,15 @@ class Log:
 
     @property
     def position_noise(self) -> float:
-        """A robust estimate of the noise of the positions: standard deviation, m.
+        """A robust estimate of the noise of the positions: standard deviation, m."""
+        return max(_noise_of(self.positions), self.least_noise)
 
-        From the third differences, in which smooth motion is all but gone; half of them are less
-        than 0.6745 standard deviations, which noise makes the root of 20 times as large.
-        """
-        thirds = np.abs(np.diff(self.positions, 3))
-        return max(float(np.median(thirds)) / 0.6745 / 20.0**0.5, self.least_noise)
+    @property
+    def velocity_noise(self) -> float | None:
+        """The same of the velocities, m/s."""
+        if self.velocities is None:
+            return None
+        return max(_noise_of(self.velocities), FLOOR * float(np.ptp(self.velocities)))
 
     @property
     def least_noise(self) -> float:
@@ -142,6 +146,15 @@ class Log:
             float(velocity),
             float(noise + 0.3 * fastest),
         )
+
+
+def _noise_of(values: FloatArray) -> float:
+    """Return a robust estimate of the noise in values (N,): its standard deviation.
+
+    From the third differences, in which smooth motion is all but gone. The noise's are the root of
+    20 times as large as itself, and half of them less than 0.6745 of their standard deviation.
+    """
+    return float(np.median(np.abs(np.diff(values, 3))) / NORMAL_MEDIAN / np.sqrt(20.0))
 
 
 def _check_time_step(time_step: float) -> None:

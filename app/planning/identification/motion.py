@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from app.planning.identification.fitting import Trace
 from app.planning.identification.log import Log
+from app.planning.identification.prediction import Trace
 
 LIKELY = 0.5
 REST_MEASUREMENTS = 3

@@ -24,6 +24,8 @@ an exponential prior of that mean, which any log that shows break-aways outweigh
 EXPECTED_BIAS = 0.3
 """Of what controls do to the mass: the standard deviation of a normal prior. A log of one direction
 cannot tell a bias from friction."""
+LEAST_VELOCITY_NOISE = 1e-7
+"""Of the speeds in a log."""
 MOST_DAMPED = 0.95
 """Share of its velocity that damping may take in a step."""
 
@@ -173,7 +175,7 @@ class Space:
         possible &= values[NOISES[0]] <= most
         possible &= values[NOISES[1]] >= self.least_noise
         if self.with_velocities:
-            possible &= values[NOISES[2]] >= self.least_noise / self.base.time_step * 1e-2
+            possible &= values[NOISES[2]] >= LEAST_VELOCITY_NOISE * self.scale.velocity
         return possible
 
     def log_prior(self, x: FloatArray) -> FloatArray:

@@ -1,27 +1,24 @@
 """What a fit is worth: the estimates with their intervals, what cannot be told, and why not."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from app.planning.arrays import BoolArray, FloatArray
 from app.planning.identification.advice import advise, why_not_told
 from app.planning.identification.evolution import Found
-from app.planning.identification.fitting import Fit, Trace
+from app.planning.identification.fitting import Fit
 from app.planning.identification.log import Log, UnusableLog
 from app.planning.identification.motion import Motion
 from app.planning.identification.parameters import BIAS, COULOMB, NOISES, STATIC
 from app.planning.identification.posterior import Sample, inflation
-from app.planning.plant.rollout import rollout_on
+from app.planning.identification.prediction import Trace, Windows
 from app.planning.plant.system import ControlLimits, Plant, System
 
 COVERED = 0.95
 """By the intervals."""
 TOUCHING = 0.1
 """An interval that begins at less than this share of its end begins at nothing."""
-WINDOW_SECONDS = 0.5
-LEAST_WINDOWS = 4
-LEAST_WINDOW_STEPS = 5
 LEAST_R2 = 0.3
 """Where less of the motion is explained, the plant is not of this kind."""
 GOOD_R2 = 0.9
@@ -77,17 +74,6 @@ class Identification:
     """What to record next."""
     warnings: tuple[str, ...] = ()
     delay_steps: int = 0
-    predicted: "Prediction | None" = field(default=None, repr=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """Windows of a log, each predicted from what the filter knew at its start."""
-
-    starts: FloatArray
-    """(W,), indices of samples of the log whose controls act at once."""
-    states: FloatArray
-    """(W, H+1, 2)."""
 
 
 def judge(
@@ -157,12 +143,13 @@ def _quality(
     fit: Fit, log: Log, x: FloatArray, trace: Trace, motion: Motion, sample: Sample
 ) -> Quality:
     plants, noises, _ = fit.space.plants(x[np.newaxis])
-    errors, moved, steps = window_errors(Plant(*plants[0].tolist()), log, trace)
+    windows = Windows.of(Plant(*plants[0].tolist()), log, trace)
+    errors, moved = windows.errors[:, -1], windows.moved
     own = [not name.endswith("noise") for name in fit.space.names]
     correlations = np.corrcoef(sample.points[:, own].T) if sum(own) > 1 else np.eye(1)
     measured = trace.squared_errors > 0.0
     return Quality(
-        window_s=steps * log.time_step,
+        window_s=windows.steps * log.time_step,
         end_error_rms=float(np.sqrt(np.mean(errors**2))),
         r2=1.0 - float(np.mean(errors**2)) / max(float(np.mean(moved**2)), 1e-300),
         residual=float(np.sqrt(np.mean(trace.squared_errors[measured]))) if measured.any() else 0.0,
@@ -171,22 +158,6 @@ def _quality(
         velocity_noise=float(noises[0, 2]) if NOISES[2] in fit.space.names else None,
         condition_number=float(np.linalg.cond(correlations)),
         moving_steps=motion.moving_steps,
-    )
-
-
-def window_errors(plant: Plant, log: Log, trace: Trace) -> tuple[FloatArray, FloatArray, int]:
-    """Return how far predictions end beside the positions, (W,), what was moved, and the steps."""
-    most = log.num_steps // LEAST_WINDOWS
-    steps = max(LEAST_WINDOW_STEPS, min(round(WINDOW_SECONDS / log.time_step), most))
-    starts = np.arange(steps, log.num_steps - steps + 1, steps)
-    # The belief after step k is that at sample k+1.
-    states = np.column_stack([trace.positions[starts - 1], trace.velocities[starts - 1]])
-    controls = log.controls[starts[:, np.newaxis] + np.arange(steps)]
-    ends = rollout_on(plant, states, controls)[:, -1, 0]
-    return (
-        ends - log.positions[starts + steps],
-        log.positions[starts + steps] - log.positions[starts],
-        steps,
     )
 
 

@@ -1,4 +1,4 @@
-"""The picture of an identification: what the plant predicts of the log, and what friction it has."""
+"""The picture of an identification: what a plant predicts of a log, and the friction it has."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -85,4 +85,4 @@ class Windows:
     @property
     def steps(self) -> int:
         """H."""
-        return self.positions.shape[1] - 1
+        return len(self.positions[0]) - 1

@@ -30,6 +30,11 @@ MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
 """Log-likelihoods that are no farther apart hardly tell two delays apart."""
+LEAST_MEASUREMENTS = 250
+APART_SECONDS = 0.08
+"""Between measurements, where their noise does not matter."""
+UNEXPLAINED = 0.05
+"""Of the accelerations in a log: what a plant is not expected to explain."""
 DIRECTION_GENERATIONS = 70
 BROAD, NEARBY = 0.2, 0.1
 """Of the unknowns' widths: where a search begins to look, and where frictions by direction are
@@ -81,7 +86,7 @@ def identify(
         UnusableLog: nothing follows from it.
         Stopped: it is not wanted any more.
     """
-    stride = max(1, log.num_steps // MOST_MEASUREMENTS)
+    stride = _stride(log)
     delay, begun, rival = _delay(log, question, stride, rng, stop)
     acting = log.delayed(delay)
     fit = Fit.of(_space(acting, question.known), acting, stride, stop)
@@ -108,6 +113,21 @@ def identify(
             "control_limit is the largest control in the log; say the machine's own as known"
         )
     return replace(identified, delay_steps=delay, warnings=tuple(warnings))
+
+
+def _stride(log: Log) -> int:
+    """Return of how many samples one is a measurement.
+
+    Where positions are so exact that a plant's own errors are all there is to see, measurements in
+    quick succession tell of those alone: of forces that come and go, not of what is there to stay.
+    """
+    stride = max(1, log.num_steps // MOST_MEASUREMENTS)
+    unexplained = UNEXPLAINED * scale_of(log).acceleration * (stride * log.time_step) ** 2
+    if log.position_noise < unexplained:
+        stride = max(
+            stride, min(round(APART_SECONDS / log.time_step), log.num_steps // LEAST_MEASUREMENTS)
+        )
+    return stride
 
 
 class _Begun(NamedTuple):

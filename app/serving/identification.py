@@ -63,12 +63,16 @@ class IdentificationService:
             request.question.check(log)
         except UnusableLog as error:
             raise InvalidField(f"/{error.field}", str(error)) from None
+        rollout_steps, most_steps = EVALUATIONS * log.num_steps, self._settings.max_rollout_steps
+        if rollout_steps > most_steps:
+            detail = f"a log of {log.num_steps} steps takes {rollout_steps} simulated time steps; "
+            raise InvalidField("/controls", f"{detail}at most {most_steps} are allowed")
         work = Work(
             0,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=None,
             rows_per_step=0,
-            rollout_steps=EVALUATIONS * log.num_steps,
+            rollout_steps=rollout_steps,
             kind=KIND,
             answer_bytes=BYTES + BYTES_PER_SYSTEM * request.num_systems,
         )

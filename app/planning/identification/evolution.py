@@ -11,6 +11,8 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 
+MOST_GROWTH = 1.0
+"""Of the logarithm of the step size, in a generation."""
 TOLERANCE = 0.5
 PATIENCE = 10
 
@@ -94,7 +96,8 @@ def maximise(
             + rank_one * np.outer(path, path)
             + rank_many * (chosen.T * weights) @ chosen
         )
-        sigma *= float(np.exp(damp_sigma / sigma_damping * (length / expected_length - 1.0)))
+        growth = damp_sigma / sigma_damping * (length / expected_length - 1.0)
+        sigma *= float(np.exp(min(growth, MOST_GROWTH)))
         recent.append(best_value)
         if (
             generation >= PATIENCE

@@ -17,7 +17,7 @@ from app.planning.identification.log import LEAST_STEPS, Log, UnusableLog
 from app.planning.identification.parameters import BIAS, COULOMB, Space
 from app.planning.identification.starts import guesses, scale_of
 from app.planning.identification.verdict import Identification, judge
-from app.planning.plant.system import System
+from app.planning.plant.system import SMALLEST, System
 from app.planning.stop import NEVER, Stop
 
 MOST_DELAY = 8
@@ -147,7 +147,7 @@ def _delay(
     """Return the likeliest delay, how far a search for its plant got, and a delay nearly as likely.
 
     Raises:
-        UnusableLog: what is known contradicts itself.
+        UnusableLog: what is known contradicts itself, or the log.
     """
     most = min(MOST_DELAY, log.num_steps // 10)
     if question.delay_steps is None:
@@ -163,7 +163,10 @@ def _delay(
         starts = fit.starts(guesses(delayed, space.scale), delayed)
         values = fit.value(starts)
         best = int(np.argmax(values))
-        begun.append(_Begun(delay, fit, starts[best], float(values[best])))
+        if np.isfinite(values[best]):
+            begun.append(_Begun(delay, fit, starts[best], float(values[best])))
+    if not begun:
+        raise UnusableLog("known", "no machine that is known to be so moves as in this log")
     begun.sort(key=lambda each: -each.value)
     climbed = [
         (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS), each)
@@ -193,7 +196,7 @@ def _space(log: Log, known: Mapping[str, Any]) -> Space:
         "static_friction": known.get(COULOMB, 0.0),
         "viscous_damping": 0.0,
         "control_limit": scale.control,
-        "velocity_threshold": min(1e-3, LEAST_THRESHOLD * scale.velocity),
+        "velocity_threshold": min(1e-3, max(SMALLEST, LEAST_THRESHOLD * scale.velocity)),
     }
     try:
         base = System(**{**rest, **known, "time_step": log.time_step}).plant

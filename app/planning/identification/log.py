@@ -9,6 +9,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.identification.likelihood import Record
+from app.planning.plant.system import SMALLEST
 
 LEAST_STEPS = 30
 """Fewer samples than this say nothing about five parameters and their noise."""
@@ -198,6 +199,11 @@ def _check_series(log: Log) -> None:
             f"the control is {log.controls[0]:g} throughout; what it does cannot be told from what "
             "else there is",
         )
+    if np.max(np.abs(log.controls)) < SMALLEST:
+        raise UnusableLog(
+            "controls",
+            f"the largest is {np.max(np.abs(log.controls)):.2g}; take a smaller unit of control",
+        )
     if np.ptp(log.positions) == 0.0:
         raise UnusableLog(
             "positions", f"the position is {log.positions[0]:g} throughout; nothing moved"
@@ -230,7 +236,7 @@ def _check_motion(log: Log) -> None:
             "wrong?",
         )
     speed = float(np.quantile(np.abs(changes), 0.95)) / step
-    if not SLOWEST <= speed <= FASTEST:
+    if speed > FASTEST or np.max(np.abs(changes)) / step < SLOWEST:
         raise UnusableLog(
             "positions",
             f"a speed of {speed:.2g} m/s (or rad/s) is no machine's with friction: are positions "

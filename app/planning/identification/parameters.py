@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.planning.arrays import BoolArray, FloatArray
-from app.planning.plant.system import SMALLEST, ByDirection, Plant, System
+from app.planning.plant.system import LARGEST, SMALLEST, ByDirection, Plant, System
 
 DIRECTIONS = ("forward", "backward")
 GAIN, BIAS = "control_gain", "bias"
@@ -26,6 +26,7 @@ EXPECTED_BIAS = 0.3
 cannot tell a bias from friction."""
 LEAST_VELOCITY_NOISE = 1e-7
 """Of the speeds in a log."""
+MOST_LOG = 50.0
 MOST_DAMPED = 0.95
 """Share of its velocity that damping may take in a step."""
 
@@ -83,9 +84,12 @@ class Space:
     def values(self, x: FloatArray) -> dict[str, FloatArray]:
         """Return all parameters by name, each (N,), of points (N, d); known ones as well."""
         given = dict(zip(self.names, x.T, strict=True))
+        logarithms = {GAIN, *NOISES} & given.keys()
+        # A search may look anywhere.
+        given |= {name: np.exp(np.clip(given[name], -MOST_LOG, MOST_LOG)) for name in logarithms}
         count = len(x)
         values: dict[str, FloatArray] = {
-            GAIN: np.exp(given[GAIN]) if GAIN in given else np.full(count, self.base.control_gain),
+            GAIN: given.get(GAIN, np.full(count, self.base.control_gain)),
             BIAS: given.get(BIAS, np.full(count, self.base.bias)),
         }
         for field in (COULOMB, DAMPING, STATIC):
@@ -98,7 +102,7 @@ class Space:
                     value = np.full(count, getattr(self.base, f"{COLUMNS[field]}_{way}"))
                 values[f"{field}.{way}"] = value
         for name in NOISES:
-            values[name] = np.exp(given[name]) if name in given else np.ones(count)
+            values[name] = given.get(name, np.ones(count))
         return values
 
     def _both(self, field: str) -> list[str]:
@@ -163,9 +167,10 @@ class Space:
         self, x: FloatArray, columns: dict[str, FloatArray], values: dict[str, FloatArray]
     ) -> BoolArray:
         scale = self.scale
-        most = 20.0 * scale.acceleration
+        most = min(LARGEST, 20.0 * scale.acceleration)
         possible = np.isfinite(x).all(axis=1)
-        possible &= (values[GAIN] >= SMALLEST) & (np.abs(values[BIAS]) <= most)
+        possible &= (values[GAIN] >= SMALLEST) & (values[GAIN] <= LARGEST)
+        possible &= np.abs(values[BIAS]) <= most
         for way in DIRECTIONS:
             coulomb, static = columns[f"coulomb_{way}"], columns[f"static_{way}"]
             damping = columns[f"damping_{way}"]

@@ -78,7 +78,7 @@ def draw_sample(
             steps += JITTER * pool.std(axis=0) * rng.standard_normal((half, size))
             proposed = chains[moving] + steps
             value, block = log_density(proposed)
-            goes = np.log(rng.random(half)) < value - values[moving]
+            goes = value > np.log(rng.random(half)) + values[moving]
             chains[moving] = np.where(goes[:, np.newaxis], proposed, chains[moving])
             values[moving] = np.where(goes, value, values[moving])
             blocks[moving] = np.where(goes[:, np.newaxis], block, blocks[moving])

@@ -145,8 +145,6 @@ def _quality(
     plants, noises, _ = fit.space.plants(x[np.newaxis])
     windows = Windows.of(Plant(*plants[0].tolist()), log, trace)
     errors, moved = windows.errors[:, -1], windows.moved
-    own = [not name.endswith("noise") for name in fit.space.names]
-    correlations = np.corrcoef(sample.points[:, own].T) if sum(own) > 1 else np.eye(1)
     measured = trace.squared_errors > 0.0
     return Quality(
         window_s=windows.steps * log.time_step,
@@ -156,9 +154,19 @@ def _quality(
         acceleration_noise=float(noises[0, 0]),
         position_noise=float(noises[0, 1]),
         velocity_noise=float(noises[0, 2]) if NOISES[2] in fit.space.names else None,
-        condition_number=float(np.linalg.cond(correlations)),
+        condition_number=_condition_number(fit, sample),
         moving_steps=motion.moving_steps,
     )
+
+
+def _condition_number(fit: Fit, sample: Sample) -> float:
+    """Return that of the correlations of the plant's parameters over the sample."""
+    of_plant = [name not in NOISES for name in fit.space.names]
+    points = sample.points[:, of_plant]
+    points = points[:, points.std(axis=0) > 0.0]
+    if len(points[0]) <= 1:
+        return 1.0
+    return float(np.linalg.cond(np.corrcoef(points.T)))
 
 
 def _parameters(

@@ -36,7 +36,7 @@ FIRST_NOISES = (0.05, 0.3)
 POPULATION = 4
 """For each unknown: fewer stop in valleys that are not the deepest."""
 GENERATIONS = 200
-CHAIN_GENERATIONS = 12
+CHAIN_GENERATIONS = 24
 """For each unknown: fewer leave the chains where they began, and intervals too narrow."""
 
 

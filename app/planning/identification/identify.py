@@ -25,7 +25,7 @@ MOST_DELAY = 8
 DELAYS_TRIED = 3
 """Of them, those that are climbed for a little."""
 DELAYS_LEFT = 2
-DELAY_GENERATIONS = 12
+DELAY_GENERATIONS = 16
 MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
@@ -41,7 +41,7 @@ BROAD, NEARBY = 0.2, 0.1
 looked for once those that are the same both ways are known."""
 LEAST_THRESHOLD = 0.01
 """Of the speeds in a log: no threshold of rest is above that."""
-EVALUATIONS = 9000
+EVALUATIONS = 15000
 """Likelihoods of a whole log that an answer takes at most, about."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 
-CHAINS = 48
+CHAINS = 32
 """That exchange what they found; half of them moves at a time."""
 BURN_IN = 0.4
 """Share of the generations that is not kept: the chains start beside the posterior."""
@@ -21,6 +21,11 @@ LEAP = 0.1
 """Share of the moves that are as long as two chains are apart, from one ridge to another."""
 JITTER = 1e-2
 """Of the chains' spread, added to each move, so that they may leave any plane."""
+DOUBLINGS = 16
+FLAT = 2.0
+"""By which the logarithm may fall where the density counts as flat."""
+WIDE = 4.0
+"""Standard deviations, over which it has to be."""
 RIDGE = 1e-9
 
 
@@ -63,8 +68,10 @@ def draw_sample(
         generations: moves of every chain.
     """
     size, half = mean.size, CHAINS // 2
-    factor = _factor(_scaled(log_density, mean, covariance, rng))
-    chains = mean + rng.standard_normal((CHAINS, size)) @ factor.T
+    covariance = _scaled(log_density, mean, covariance, rng)
+    chains = mean + rng.standard_normal((CHAINS, size)) @ _factor(covariance).T
+    low, high = _extents(log_density, mean, np.sqrt(np.diag(covariance)))
+    chains += rng.uniform(-low, high, chains.shape)
     values, blocks = log_density(chains)
     chains[~np.isfinite(values)] = mean
     values, blocks = log_density(chains)
@@ -113,6 +120,32 @@ def _scaled(
         else:
             break
     return scale**2 * covariance
+
+
+def _extents(
+    log_density: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    mean: FloatArray,
+    deviations: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the density goes on below and above along each axis (d,), where it is flat.
+
+    What a log only brackets, such as static friction, a search leaves at some place in between;
+    chains that began there would take long to fill the bracket. 0 where the density is as narrow as
+    it is thought to be.
+    """
+    size = mean.size
+    peak = float(log_density(mean[np.newaxis])[0][0])
+    signs = np.concatenate([-np.eye(size), np.eye(size)])
+    reached, goes_on = np.zeros(2 * size), np.ones(2 * size, dtype=bool)
+    for doubling in range(DOUBLINGS):
+        step = 2.0**doubling
+        values, _ = log_density(mean + step * signs * deviations)
+        goes_on &= values > peak - FLAT
+        reached[goes_on] = step
+        if not goes_on.any():
+            break
+    extents = np.where(reached >= WIDE, reached, 0.0) * np.tile(deviations, 2)
+    return extents[:size], extents[size:]
 
 
 def _factor(covariance: FloatArray) -> FloatArray:

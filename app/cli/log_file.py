@@ -3,6 +3,7 @@
 What the columns have to be is checked here as far as it is the file's; the rest by the service.
 """
 
+import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -143,8 +144,12 @@ def _read(file: Path) -> dict[str, Any]:
                 return parsed
             case ".mat":
                 from scipy.io import loadmat
+                from scipy.io.matlab import MatReadError
 
-                content = loadmat(str(file))
+                try:
+                    content = loadmat(str(file))
+                except MatReadError as error:
+                    raise ValueError(str(error)) from None
                 return {
                     name: values.squeeze()
                     for name, values in content.items()
@@ -154,7 +159,7 @@ def _read(file: Path) -> dict[str, Any]:
                 return _read_csv(file)
     except OSError as error:
         raise Failure(f"{file}: {error.strerror or error}") from None
-    except (ValueError, NotImplementedError, TypeError) as error:
+    except (ValueError, NotImplementedError, TypeError, csv.Error) as error:
         raise Failure(f"{file}: cannot be read: {error}") from None
 
 

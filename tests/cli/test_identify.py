@@ -95,7 +95,10 @@ def drop_rows(table: pd.DataFrame) -> pd.DataFrame:
         (lambda table: table[::-1], "time runs backwards"),
         (lambda table: pd.concat([table, table]), "is it two logs in one?"),
         (lambda table: table.assign(time=TIMES**1.5), "too uneven"),
-        (lambda table: table.mask(table.index == 7), "no finite numbers, the first in row 8"),
+        (
+            lambda table: table.assign(position=table.position.mask(table.index == 7)),
+            "no finite numbers, the first in row 8",
+        ),
         (lambda table: table.assign(position=0.5), "nothing moved"),
         (lambda table: table.assign(control=0.5), "0.5 throughout"),
         (lambda table: table.assign(position=1e3 * table.position), "another unit than m"),

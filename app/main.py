@@ -18,7 +18,7 @@ from app.api.keys import ApiKeys, read_keys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
 from app.api.request_target import RequestTarget
-from app.api.routes import admin_router, router
+from app.api.routes import IDENTIFY, admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
 from app.api.unsupported import Unsupported
 from app.inference.engine import Tick
@@ -96,5 +96,10 @@ def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list
     return [
         *passed,
         Middleware(HeadAsGet),
-        Middleware(BodyLimit, max_bytes=settings.max_body_bytes, timeout_s=settings.body_timeout_s),
+        Middleware(
+            BodyLimit,
+            max_bytes=settings.max_body_bytes,
+            timeout_s=settings.body_timeout_s,
+            larger={IDENTIFY: settings.max_log_bytes},
+        ),
     ]

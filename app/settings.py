@@ -120,6 +120,9 @@ class Settings(BaseModel):
         75, description="How long a connection is kept between requests, in seconds."
     )
     max_body_bytes: PositiveInt = Field(65_536, description="Largest request body.")
+    max_log_bytes: PositiveInt = Field(
+        4_194_304, description="Largest body of a request to identify a machine from its log."
+    )
     max_candidates: PositiveInt = Field(4096, description="Largest K of a request.")
     max_horizon: PositiveInt = Field(1024, description="Most time steps of a plan.")
     max_network_rows: PositiveInt = Field(

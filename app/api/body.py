@@ -4,6 +4,7 @@ from collections.abc import Callable, Coroutine
 from email.message import Message
 from typing import Any
 
+from anyio import to_thread
 from fastapi.routing import APIRoute
 from starlette.datastructures import Headers
 from starlette.requests import Request
@@ -12,6 +13,7 @@ from starlette.responses import Response
 from app.wire.json_text import parse_json
 
 JSON = "application/json"
+MANY_BYTES = 1 << 16
 AS_IT_IS = "identity"
 """The one content coding: none."""
 
@@ -58,7 +60,10 @@ class _Read(Request):
         _check(request.headers)
         read = cls(request.scope, request.receive)
         read.text = await request.body()
-        read.parsed = parse_json(read.text)
+        if len(read.text) > MANY_BYTES:  # others get a word in meanwhile
+            read.parsed = await to_thread.run_sync(parse_json, read.text)
+        else:
+            read.parsed = parse_json(read.text)
         return read
 
     async def body(self) -> bytes:

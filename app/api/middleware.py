@@ -2,10 +2,13 @@
 
 import asyncio
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from math import ceil
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.paths import route_path
 
 POLICY_VIOLATION = 1008
 """The code with which a WebSocket is refused."""
@@ -53,23 +56,28 @@ class BodyLimit(HttpMiddleware):
     Args:
         app: what is limited.
         max_bytes: the largest body.
+        larger: the largest body of paths that take more.
         timeout_s: how long after its head a request's body may take to arrive.
     """
 
-    def __init__(self, app: ASGIApp, max_bytes: int, timeout_s: float) -> None:
+    def __init__(
+        self, app: ASGIApp, max_bytes: int, timeout_s: float, larger: Mapping[str, int]
+    ) -> None:
         super().__init__(app)
         self.max_bytes = max_bytes
+        self.larger = larger
         self.timeout_s = timeout_s
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         declared = Headers(scope=scope).get("content-length", "")
         deadline = asyncio.get_running_loop().time() + self.timeout_s
+        max_bytes = self.larger.get(route_path(scope), self.max_bytes)
         received = 0
         is_complete = False
 
         def check(size: int) -> None:
-            if size > self.max_bytes:
-                raise BodyTooLarge(f"the body is larger than {self.max_bytes} bytes")
+            if size > max_bytes:
+                raise BodyTooLarge(f"the body is larger than {max_bytes} bytes")
 
         async def receive_within_limits() -> Message:
             nonlocal received, is_complete

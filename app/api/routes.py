@@ -20,6 +20,7 @@ from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model import Model
 from app.inference.verification import ModelRejected
 from app.planning.plant.system import System
+from app.serving.identification import IdentificationService, ResolvedIdentification
 from app.serving.kernels import available_cores
 from app.serving.runtime import Runtime
 from app.serving.service import PlanningService, ResolvedRequest
@@ -34,6 +35,7 @@ from app.wire.about import (
     describe_methods,
 )
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.identification import MAX_SAMPLES, IdentifyRequest, IdentifyResponse
 from app.wire.model import build_checks
 from app.wire.problems import ProblemDetails
 from app.wire.requests import (
@@ -43,6 +45,7 @@ from app.wire.requests import (
     PlanRequest,
 )
 
+IDENTIFY = "/identify"
 build_checks()
 router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
 admin_router = APIRouter()
@@ -132,27 +135,32 @@ async def plan_multistep(
     return await _answer(request, runtime, service, resolved, until_sent)
 
 
+@router.post(
+    IDENTIFY, response_model=IdentifyResponse, responses=PLAN_PROBLEMS, tags=["identification"]
+)
+async def identify(
+    body: IdentifyRequest, request: Request, runtime: RuntimeDependency, until_sent: UntilSent
+) -> Response:
+    """Identify a machine from a log: its plant, how sure each parameter is, and an ensemble."""
+    service = runtime.identification
+    resolved = service.resolve(body, request.state.arrived)
+    return await _answer(request, runtime, service, resolved, until_sent)
+
+
 async def _answer(
     request: Request,
     runtime: Runtime,
-    service: PlanningService,
-    resolved: ResolvedRequest[Any],
+    service: PlanningService | IdentificationService,
+    resolved: ResolvedRequest[Any] | ResolvedIdentification,
     until_sent: ExitStack,
 ) -> Response:
-    """Have it planned in a thread, within its deadline and while the client waits."""
+    """Have it worked out in a thread, within its deadline and while the client waits."""
     work = resolved.work
-    request.state.log_fields |= {
-        "method": resolved.recipe.method.name,
-        "num_candidates": resolved.request.num_candidates,
-        "num_targets": resolved.num_targets,
-        "seed": resolved.seed,
-    }
-    if work.model:
-        request.state.log_fields["model"] = work.model.label
+    request.state.log_fields |= resolved.log_fields
     is_gzip_accepted = accepts_gzip(",".join(request.headers.getlist("Accept-Encoding")))
 
     def answer(waited_ms: float) -> tuple[Body, dict[str, float]]:
-        result = service.answer(resolved, waited_ms)
+        result: dict[str, Any] = service.answer(resolved, waited_ms)  # type: ignore[arg-type]
         body = make_body(result, accepts_gzip=is_gzip_accepted, stop=work.stop)
         return body, result["timing_ms"]
 
@@ -205,7 +213,12 @@ async def info(runtime: RuntimeDependency) -> Info:
             "numba": numba.__version__,
         },
         nominal_system=System(),
-        limits=Limits(max_targets=MAX_TARGETS, max_pending_controls=MAX_PENDING_CONTROLS, **limits),
+        limits=Limits(
+            max_targets=MAX_TARGETS,
+            max_pending_controls=MAX_PENDING_CONTROLS,
+            max_log_samples=MAX_SAMPLES,
+            **limits,
+        ),
     )
 
 

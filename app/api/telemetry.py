@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
 from app.api.middleware import HttpMiddleware
-from app.api.request_target import mount_path, route_path
+from app.api.paths import mount_path, route_path
 from app.serving.admission import NONE
 
 CLIENT_GONE = 499

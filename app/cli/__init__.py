@@ -5,7 +5,7 @@ A command imports what it needs when it runs, so that help and small commands ar
 
 import click
 
-from app.cli import bench, evaluate, models, plan, serve
+from app.cli import bench, evaluate, identify, models, plan, serve
 
 
 class OrderedGroup(click.Group):
@@ -21,5 +21,13 @@ def breakaway() -> None:
     """Plan open-loop control through dry friction and stiction."""
 
 
-for command in (serve.serve, plan.plan, evaluate.evaluate, models.models, bench.bench):
+COMMANDS = (
+    serve.serve,
+    plan.plan,
+    identify.identify,
+    evaluate.evaluate,
+    models.models,
+    bench.bench,
+)
+for command in COMMANDS:
     breakaway.add_command(command)

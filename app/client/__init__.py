@@ -2,10 +2,13 @@
 
 from app.client.planner_client import AsyncPlannerClient, PlannerClient, RequestRefused
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 __all__ = [
     "AsyncPlannerClient",
+    "IdentifyRequest",
+    "IdentifyResponse",
     "MultistepPlanRequest",
     "MultistepPlanResponse",
     "PlanRequest",

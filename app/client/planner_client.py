@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
 
@@ -76,6 +77,10 @@ class PlannerClient:
         """Ask `POST /plan_multistep`; errors as for `plan`."""
         response = self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    def identify(self, request: IdentifyRequest) -> IdentifyResponse:
+        """Ask `POST /identify`; errors as for `plan`."""
+        return _read(IdentifyResponse, self._http.post("/identify", json=_body(request)))
 
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
@@ -141,6 +146,11 @@ class AsyncPlannerClient:
         response = await self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
 
+    async def identify(self, request: IdentifyRequest) -> IdentifyResponse:
+        """Ask `POST /identify`; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/identify", json=_body(request))
+        return _read(IdentifyResponse, response)
+
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
         return MODELS.validate_json(_accepted(await self._http.get("/models")).content)
@@ -173,7 +183,7 @@ class AsyncPlannerClient:
         await self.aclose()
 
 
-def _body(request: PlanRequest | MultistepPlanRequest) -> dict[str, Any]:
+def _body(request: PlanRequest | MultistepPlanRequest | IdentifyRequest) -> dict[str, Any]:
     """Return what is sent, at every attempt the same."""
     body = request.model_dump()
     if request.seed is None:

@@ -27,10 +27,11 @@ class Kernel(Generic[R]):
     all: ClassVar[list["Kernel[Any]"]] = []
     """Those that were imported."""
 
-    def __init__(self, function: Callable[..., R]) -> None:
+    def __init__(self, function: Callable[..., R], *, is_inlined: bool = False) -> None:
         if function.__closure__:
             raise TypeError(f"{function.__qualname__} depends on more than its source")
         self._function = function
+        self._is_inlined = is_inlined
         self.name = f"{function.__module__}.{function.__qualname__}"
         self.package = package_of(function)
         self.all.append(self)
@@ -44,7 +45,7 @@ class Kernel(Generic[R]):
     def _dispatcher(self) -> Any:
         from app.compilation.dispatcher import make_dispatcher
 
-        return make_dispatcher(self._function, self.package)
+        return make_dispatcher(self._function, self.package, is_inlined=self._is_inlined)
 
     @property
     def _numba_type_(self) -> Any:
@@ -62,6 +63,18 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
         TypeError: the function closes over variables, which a kept kernel would not notice change.
     """
     return cast(Callable[P, R], Kernel(function))
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` as `compiled` does, and into each kernel that calls it.
+
+    For the small steps of an inner loop that hand a state on: a call would send each of its numbers
+    through memory.
+
+    Raises:
+        TypeError: as `compiled` does.
+    """
+    return cast(Callable[P, R], Kernel(function, is_inlined=True))
 
 
 def package_of(function: Callable[..., Any]) -> Path:

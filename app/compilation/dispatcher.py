@@ -13,14 +13,15 @@ from numba.core import types
 from app.compilation.cache import KernelCache
 
 
-def make_dispatcher(function: Callable[..., Any], package: Path) -> Any:
+def make_dispatcher(function: Callable[..., Any], package: Path, *, is_inlined: bool) -> Any:
     """Return what compiles `function` for each set of argument types, and keeps the result.
 
     Args:
         function: to be compiled, without the interpreter lock.
         package: the folder with all kernels that it may call.
+        is_inlined: whether it becomes a part of each kernel that calls it.
     """
-    dispatcher: Any = njit(nogil=True)(function)
+    dispatcher: Any = njit(nogil=True, forceinline=is_inlined)(function)
     # As Numba's own `enable_caching` does it with the cache that it comes with.
     dispatcher._cache = KernelCache(function, package)
     resolve = dispatcher.get_call_template

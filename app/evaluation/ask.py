@@ -3,12 +3,16 @@
 import asyncio
 from collections.abc import Callable, Iterable
 from time import perf_counter
+from typing import TypeAlias
 
 from app.client.planner_client import AsyncPlannerClient
 from app.evaluation.answer_log import AnswerLog, EvaluationError
 from app.evaluation.question import Question
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.requests import MultistepPlanRequest
+
+AnyResponse: TypeAlias = PlanResponse | MultistepPlanResponse | IdentifyResponse
 
 
 async def ask_all(
@@ -55,19 +59,19 @@ async def ask_all(
         raise first from None
 
 
-async def ask(
-    client: AsyncPlannerClient, question: Question
-) -> PlanResponse | MultistepPlanResponse:
+async def ask(client: AsyncPlannerClient, question: Question) -> AnyResponse:
     """Ask one question; errors as for `AsyncPlannerClient.plan`."""
-    request = question.request
+    request = question.asked
+    if isinstance(request, IdentifyRequest):
+        return await client.identify(request)
     if isinstance(request, MultistepPlanRequest):
         return await client.plan_multistep(request)
     return await client.plan(request)
 
 
-def _check_model(answer: PlanResponse | MultistepPlanResponse, log: AnswerLog) -> None:
+def _check_model(answer: AnyResponse, log: AnswerLog) -> None:
     """Make sure that a service that was restarted meanwhile is still the same."""
-    if answer.model is None:
+    if isinstance(answer, IdentifyResponse) or answer.model is None:
         return
     name = f"{answer.model.name}/{answer.model.version}"
     if log.sessions[-1].models.get(name) != answer.model.sha256:

@@ -40,6 +40,8 @@ class ServedModels:
         Raises:
             EvaluationError: there is no model for it.
         """
+        if not question.is_plan:
+            return Cost()
         request, samplers = question.request, None
         recipe = request.recipe()
         if needs_model(recipe.method):
@@ -63,4 +65,4 @@ class ServedModels:
 
 
 def _needs_model(question: Question) -> bool:
-    return needs_model(question.request.recipe().method)
+    return question.is_plan and needs_model(question.request.recipe().method)

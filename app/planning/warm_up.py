@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from app.planning.identification.likelihood import Record, log_likelihoods
 from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.objectives import OBJECTIVES
 from app.planning.planner import plan
@@ -32,6 +33,13 @@ def make_bounded_plan() -> None:
     trace(_PROBLEM)
 
 
+def weigh_log() -> None:
+    """Say how likely a log of two steps is."""
+    plants = Ensemble.of([_PROBLEM.system], _PROBLEM.initial_state)
+    record = Record(np.zeros(2), np.zeros(3), np.zeros(3), 1, 0.0, 1.0)
+    log_likelihoods(plants.scenarios(_PROBLEM.target_state), np.ones((1, 3)), record, 1)
+
+
 def make_plans() -> None:
     """Plan by each compiled method."""
     for method in (Uniform(), DatasetPrior(), CEM(iterations=2)):
@@ -43,3 +51,4 @@ def warm_up() -> None:
     make_refined_plans()
     make_bounded_plan()
     make_plans()
+    weigh_log()

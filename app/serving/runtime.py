@@ -22,6 +22,7 @@ from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.serving.admission import NONE, Admission, Pending
+from app.serving.identification import IdentificationService
 from app.serving.kernels import NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
@@ -69,6 +70,7 @@ class Runtime:
         self.workers = Workers(self.admission, self._engine.row_threads)
         self._loading = asyncio.Lock()
         self._service: PlanningService | None = None
+        self._identification = IdentificationService(settings, self._rates)
         self._draining = False
         self._state = "the service is starting"
         self._stop = threading.Event()
@@ -86,6 +88,13 @@ class Runtime:
         if self._service is None:
             raise NotReady(self._state)
         return self._service
+
+    @property
+    def identification(self) -> IdentificationService:
+        """The service behind `/identify`; errors as for `service`."""
+        if self._service is None:
+            raise NotReady(self._state)
+        return self._identification
 
     @property
     def pending(self) -> dict[str, Pending]:

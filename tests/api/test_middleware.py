@@ -153,14 +153,16 @@ def test_a_slow_body_is_documented(client: httpx.Client) -> None:
     assert "ProblemDetails" in document["components"]["schemas"]
     for path, operations in document["paths"].items():
         for operation in operations.values():
-            assert ("408" in operation["responses"]) == (path in ("/plan", "/plan_multistep"))
+            assert ("408" in operation["responses"]) == (
+                path in ("/plan", "/plan_multistep", "/identify")
+            )
             assert "401" not in operation["responses"]
 
 
 Wrap: TypeAlias = Callable[[ASGIApp], HttpMiddleware]
 MIDDLEWARE: list[Wrap] = [
     HeadAsGet,
-    lambda app: BodyLimit(app, 1000, 1.0),
+    lambda app: BodyLimit(app, 1000, 1.0, {}),
     lambda app: ApiKeys(app, [], ["/"]),
     lambda app: RequestTarget(app, ""),
     lambda app: Telemetry(app, Metrics()),

@@ -4,6 +4,7 @@ from app.evaluation.suite import Suite
 from app.evaluation.suites.any_machine import AnyMachine
 from app.evaluation.suites.error_compute import ErrorCompute
 from app.evaluation.suites.friction_sensitivity import FrictionSensitivity
+from app.evaluation.suites.identification import Identification
 from app.evaluation.suites.learned_prior import LearnedPrior
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.multistep_reference import MultistepReference
@@ -29,6 +30,7 @@ SUITES: dict[str, type[Suite]] = {
         AnyMachine,
         PlantSensitivity,
         Robust,
+        Identification,
         LearnedPrior,
         SamplerFrontier,
     )

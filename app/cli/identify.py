@@ -1,0 +1,230 @@
+"""`breakaway identify`: from a log of a machine to its plant, without a server."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
+from app.failure import Failure
+from app.settings_options import read_settings
+
+if TYPE_CHECKING:
+    from app.planning.plant.system import System
+    from app.wire.identification import IdentifyRequest, IdentifyResponse
+
+FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
+COLUMN: dict[str, Any] = {"metavar": "NAME[:UNIT]"}
+NUMBER_OR_AUTO = "N|auto"
+
+
+@click.command()
+@click.argument(
+    "log_file", metavar="[LOG]", required=False, type=click.Path(path_type=Path, exists=True)
+)
+@click.option("--time", **COLUMN, help="Column of the times.  [default: time, t or timestamp]")
+@click.option("--control", **COLUMN, help="Column of the controls.  [default: control, u, ...]")
+@click.option("--position", **COLUMN, help="Column of the positions.  [default: position, p, ...]")
+@click.option("--velocity", **COLUMN, help="Column of measured velocities, if there are any.")
+@click.option("--time-step", type=float, metavar="S", help="Where no column has times, s.")
+@click.option(
+    "--known",
+    metavar="JSON",
+    help='Fields of system that are certain, such as {"control_limit": 10, "bias": 0}.',
+)
+@click.option(
+    "--direction-dependent",
+    type=click.Choice(["yes", "no", "auto"]),
+    help="Whether frictions may differ by direction; auto lets the log say.  [default: auto]",
+)
+@click.option(
+    "--delay-steps",
+    metavar=NUMBER_OR_AUTO,
+    help="Time steps that a control takes to the actuator.  [default: auto]",
+)
+@click.option("--num-systems", type=int, help="Plants of the ensemble.  [default: 32]")
+@click.option("--seed", type=int, help="Decides every random draw.")
+@click.option(
+    "--system",
+    "system_file",
+    **FILE,
+    default=Path("system.json"),
+    show_default=True,
+    help="Write the plant, as --request of breakaway plan, POST /plan and /simulate take it.",
+)
+@click.option(
+    "--json",
+    "json_file",
+    **FILE,
+    help="Write the answer as the service sends it; - is standard output.",
+)
+@click.option(
+    "--picture",
+    **FILE,
+    default=Path("identification.png"),
+    show_default=True,
+    help="Draw what the plant predicts of the log, and its friction (.png, .pdf, .svg).",
+)
+@click.option(
+    "--excitation",
+    type=click.File("rb"),
+    metavar="SYSTEM.json",
+    help="Instead of all this write controls to identify a machine by, which is roughly that of "
+    "the file, as CSV to standard output.",
+)
+def identify(
+    log_file: Path | None,
+    time: str | None,
+    control: str | None,
+    position: str | None,
+    velocity: str | None,
+    time_step: float | None,
+    system_file: Path,
+    json_file: Path | None,
+    picture: Path,
+    excitation: Any,
+    **fields: Any,
+) -> None:
+    """Identify a machine from a log: friction, stiction, gain, bias and delay, and how sure it is.
+
+    A LOG has columns by name: .csv, .json or .mat. Units stand in the heading, as in position_mm or
+    time [ms], or in an option, as in --position qm:mm; without one it is s, m (or rad) and m/s. A
+    control may be in any unit. A .json file may be a whole request for POST /identify, too.
+
+    \b
+    breakaway identify log.csv --known '{"control_limit": 10}'
+    breakaway identify log.mat --time t --control vir --position qm:m
+    breakaway identify --excitation system.json > controls.csv
+    """
+    from rich.console import Console
+
+    from app.cli.files import check_picture_format, write_picture
+    from app.cli.identify_table import print_identification
+    from app.cli.log_file import read_log
+
+    if excitation is not None:
+        click.echo(_excitation(_system_of(excitation.read())))
+        return
+    if log_file is None:
+        raise click.UsageError("There must be a LOG, or --excitation with a system.")
+    check_picture_format(picture)
+    for option, file in (("--system", system_file), ("--picture", picture), ("--json", json_file)):
+        if file and file != STANDARD_OUTPUT:
+            check_writable(option, file)
+    named = {"time": time, "control": control, "position": position, "velocity": velocity}
+    log = read_log(log_file, named, time_step)
+    request = _request(log_file, log.fields, fields)
+    answer = _identify(log_file, request)
+    console = Console(stderr=STANDARD_OUTPUT in (json_file, system_file))
+    print_identification(console, answer, log.notes)
+    system = answer.model_dump(include={"system"}, exclude_none=True)
+    write_text("--system", system_file, json.dumps(system, indent=1))
+    if json_file:
+        write_text("--json", json_file, answer.model_dump_json(exclude_none=True, indent=1))
+
+    def draw() -> Any:
+        from app.figures.identification import draw_identification
+
+        return draw_identification(request, answer)
+
+    write_picture(draw, picture)
+
+
+def _request(
+    log_file: Path, log: Mapping[str, Any], options: Mapping[str, Any]
+) -> "IdentifyRequest":
+    """Return the request of a log and of options, which override what it says.
+
+    Raises:
+        Failure: a field is not valid.
+    """
+    from pydantic import ValidationError
+
+    from app.wire.field_errors import field_errors
+    from app.wire.identification import IdentifyRequest
+
+    given = {name: value for name, value in options.items() if value is not None}
+    if "known" in given:
+        given["known"] = _parse("--known", given["known"].encode())
+    if "direction_dependent" in given:
+        by_word: dict[str, Any] = {"yes": True, "no": False}
+        given["direction_dependent"] = by_word.get(given["direction_dependent"], "auto")
+    if given.get("delay_steps", "auto") != "auto":
+        try:
+            given["delay_steps"] = int(given["delay_steps"])
+        except ValueError:
+            raise Failure("--delay-steps: must be a number, or auto") from None
+    body = {**log, **given}
+    try:
+        return IdentifyRequest.model_validate(body)
+    except ValidationError as error:
+        lines = []
+        for fault in field_errors(error.errors(), body):
+            field, _, rest = fault.pointer.removeprefix("/").partition("/")
+            is_option = field in given
+            source = f"--{field.replace('_', '-')}" if is_option else f"{log_file}: /{field}"
+            lines.append(f"{source}{f' /{rest}' if rest else ''}: {fault.detail}")
+        raise Failure("\n".join(lines)) from None
+
+
+def _identify(log_file: Path, request: "IdentifyRequest") -> "IdentifyResponse":
+    """Identify as the service does.
+
+    Raises:
+        Failure: nothing follows from the log.
+    """
+    from app.serving.identification import IdentificationService
+    from app.serving.kernels import PLANNING, prepare
+    from app.serving.rates import Rates
+    from app.serving.refusals import InvalidField
+    from app.settings import PLAN_SETTINGS
+
+    prepare(part for part in PLANNING if part.title == "identification")
+    service = IdentificationService(read_settings(PLAN_SETTINGS), Rates())
+    try:
+        return service.identify(service.resolve(request))
+    except InvalidField as error:
+        raise Failure(f"{log_file}: {error.pointer.removeprefix('/')}: {error}") from None
+
+
+def _parse(option: str, text: bytes) -> Any:
+    from app.wire.json_text import InvalidParts, UnreadableJson, parse_json
+
+    try:
+        return parse_json(text)
+    except (UnreadableJson, InvalidParts) as error:
+        raise Failure(f"{option}: {error}") from None
+
+
+def _system_of(text: bytes) -> "System":
+    """Return the system of a file: of a request that has one, or as it is.
+
+    Raises:
+        Failure: it has none.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    from app.planning.plant.system import System
+
+    parsed = _parse("--excitation", text)
+    if isinstance(parsed, dict):
+        parsed = parsed.get("system", parsed)
+    try:
+        return TypeAdapter(System).validate_python(parsed)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = "/".join(map(str, first["loc"]))
+        raise Failure(f"--excitation: {where}: {first['msg']}") from None
+
+
+def _excitation(system: "System") -> str:
+    """Return controls as CSV: time (s), control."""
+    from app.planning.identification.excitation import excitation
+
+    rows = (
+        f"{system.time_step * k:.6g},{control:.6g}"
+        for k, control in enumerate(excitation(system).tolist())
+    )
+    return "\n".join(["time_s,control", *rows])

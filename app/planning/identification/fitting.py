@@ -1,0 +1,142 @@
+"""The fit of some unknowns to one log: a start, the likeliest point, and a sample around it.
+
+What to fit, a delay and whether frictions differ by direction, is decided in identify.py.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.planning.arrays import FloatArray
+from app.planning.identification.evolution import Found, maximise
+from app.planning.identification.likelihood import Record, log_likelihoods
+from app.planning.identification.log import Log
+from app.planning.identification.parameters import (
+    BIAS,
+    COULOMB,
+    DAMPING,
+    DIRECTIONS,
+    GAIN,
+    NOISES,
+    STATIC,
+    Space,
+)
+from app.planning.identification.posterior import Sample, draw_sample
+from app.planning.identification.prediction import Trace, trace
+from app.planning.identification.starts import Guess
+from app.planning.stop import Stop
+from app.planning.uncertainty.ensemble import Scenarios
+
+NUM_BLOCKS = 25
+"""Of a log, whose likelihoods' slopes tell whether a posterior is too narrow."""
+FIRST_EXCESSES = (0.1, 0.4)
+"""Of static over Coulomb friction, that a start may have."""
+FIRST_NOISES = (0.05, 0.3)
+"""Of the random acceleration over what controls do, that a start may have."""
+POPULATION = 4
+"""For each unknown: fewer stop in valleys that are not the deepest."""
+GENERATIONS = 200
+CHAIN_GENERATIONS = 24
+"""For each unknown: fewer leave the chains where they began, and intervals too narrow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A space of unknowns and the log that they are sought for."""
+
+    space: Space
+    record: Record
+    stop: Stop
+
+    @classmethod
+    def of(cls, space: Space, log: Log, stride: int, stop: Stop) -> "Fit":
+        """Return the fit of a log whose controls act at once."""
+        return cls(space, log.record(stride), stop)
+
+    def log_density(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the posterior's logarithm at points (N, d), (N,), and its blocks' part, (N, B).
+
+        Raises:
+            Stopped: it is not wanted any more.
+        """
+        self.stop.check()
+        plants, noises, possible = self.space.plants(x)
+        # What cannot be is not worked out.
+        blocks = np.zeros((len(x), NUM_BLOCKS))
+        values = np.full(len(x), -np.inf)
+        blocks[possible] = log_likelihoods(
+            _scenarios(plants[possible]), noises[possible], self.record, NUM_BLOCKS
+        )[:, 0]
+        values[possible] = blocks[possible].sum(axis=1) + self.space.log_prior(x[possible])
+        return values, blocks
+
+    def value(self, x: FloatArray) -> FloatArray:
+        """Return the posterior's logarithm at points (N, d): (N,)."""
+        return self.log_density(x)[0]
+
+    def starts(self, found: list[Guess], log: Log) -> FloatArray:
+        """Return points (N, d) to start from, of guesses by least squares."""
+        scale = self.space.scale
+        points = []
+        for guess in found:
+            coulomb = max(guess.coulomb_friction, 0.02 * scale.acceleration)
+            damping = min(max(guess.viscous_damping, 0.0), 0.5 / self.space.base.time_step)
+            bias = float(np.clip(guess.bias, -coulomb, coulomb))
+            for excess in FIRST_EXCESSES:
+                for noise in FIRST_NOISES:
+                    values = {
+                        GAIN: guess.control_gain,
+                        BIAS: bias,
+                        NOISES[0]: noise * scale.acceleration,
+                        NOISES[1]: 1.01 * log.position_noise,
+                        NOISES[2]: 1.01 * (log.velocity_noise or 1.0),
+                    }
+                    # Where it may not be a bias, it is a friction that differs by direction.
+                    shift = 0.0 if self.space.fixed_bias is None else bias
+                    for way, sign in zip(DIRECTIONS, (-1.0, 1.0), strict=True):
+                        values[f"{COULOMB}.{way}"] = coulomb + sign * shift
+                        values[f"{STATIC}.{way}"] = (1.0 + excess) * coulomb + sign * shift
+                        values[f"{DAMPING}.{way}"] = damping
+                    points.append(self.space.point(values))
+        return np.array(points)
+
+    def climb(
+        self,
+        start: FloatArray,
+        covariance: FloatArray,
+        rng: np.random.Generator,
+        generations: int = GENERATIONS,
+    ) -> Found:
+        """Search for the likeliest point from a start (d,), with a covariance (d, d) around it."""
+        return maximise(
+            self.value,
+            start,
+            covariance,
+            rng,
+            generations=generations,
+            population=POPULATION * start.size,
+            spread=start.size,
+        )
+
+    def around(self, share: float) -> FloatArray:
+        """Return the covariance (d, d) of where a search begins, in shares of the widths."""
+        return np.diag((share * self.space.widths) ** 2)
+
+    def sample(self, found: Found, rng: np.random.Generator) -> Sample:
+        """Draw a sample of the posterior around where a search ended."""
+        return draw_sample(
+            self.log_density,
+            found.best,
+            found.covariance,
+            rng,
+            generations=CHAIN_GENERATIONS * found.best.size,
+        )
+
+    def trace(self, x: FloatArray) -> Trace:
+        """Return what the filter makes of the log on one plant, (d,), step by step."""
+        plants, noises, _ = self.space.plants(x[np.newaxis])
+        return trace(plants[0], noises[0], self.record)
+
+
+def _scenarios(plants: FloatArray) -> Scenarios:
+    return Scenarios(np.ascontiguousarray(plants), np.zeros((len(plants), 2)), 0.0, 0.0)

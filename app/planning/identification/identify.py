@@ -1,0 +1,247 @@
+"""From a log to a plant: the one road, top to bottom.
+
+Guess by least squares, find the delay, climb to the likeliest plant, see whether friction differs
+by direction, sample what else it may be, judge. Each step is in a file of its own.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from app.planning.arrays import FloatArray
+from app.planning.identification.evolution import Found
+from app.planning.identification.fitting import Fit
+from app.planning.identification.log import LEAST_STEPS, Log, UnusableLog
+from app.planning.identification.parameters import BIAS, COULOMB, Space
+from app.planning.identification.starts import guesses, scale_of
+from app.planning.identification.verdict import Identification, judge
+from app.planning.plant.system import SMALLEST, System
+from app.planning.stop import NEVER, Stop
+
+MOST_DELAY = 8
+"""Steps that are tried."""
+DELAYS_TRIED = 3
+"""Of them, those that are climbed for a little."""
+DELAYS_LEFT = 2
+DELAY_GENERATIONS = 16
+MOST_MEASUREMENTS = 2500
+"""Of a longer log not every sample is taken as a measurement; every control acts all the same."""
+CLOSE = 5.0
+"""Log-likelihoods that are no farther apart hardly tell two delays apart."""
+LEAST_MEASUREMENTS = 250
+APART_SECONDS = 0.08
+"""Between measurements, where their noise does not matter."""
+UNEXPLAINED = 0.05
+"""Of the accelerations in a log: what a plant is not expected to explain."""
+DIRECTION_GENERATIONS = 70
+BROAD, NEARBY = 0.2, 0.1
+"""Of the unknowns' widths: where a search begins to look, and where frictions by direction are
+looked for once those that are the same both ways are known."""
+LEAST_THRESHOLD = 0.01
+"""Of the speeds in a log: no threshold of rest is above that."""
+EVALUATIONS = 15000
+"""Likelihoods of a whole log that an answer takes at most, about."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is asked of a log."""
+
+    known: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `System` that are certain."""
+    by_direction: bool | None = None
+    """Whether frictions differ by direction; None to let the log say."""
+    delay_steps: int | None = None
+    """Of the actuator; None to let the log say."""
+    num_systems: int = 32
+    """Of the ensemble."""
+
+    def check(self, log: Log) -> None:
+        """Check that it can be asked of a log.
+
+        Raises:
+            UnusableLog: the log is too short for such a delay, or what is known contradicts itself.
+        """
+        if self.delay_steps and log.num_steps - self.delay_steps < LEAST_STEPS:
+            raise UnusableLog(
+                "delay_steps", f"of {log.num_steps} steps, too few are left after such a delay"
+            )
+        _space(log, self.known)
+
+
+def identify(
+    log: Log, question: Question, rng: np.random.Generator, stop: Stop = NEVER
+) -> Identification:
+    """Return what a log says of the machine that it is of.
+
+    Args:
+        log: checked.
+        question: what is known, and what is asked.
+        rng: decides every random draw.
+        stop: ends it early.
+
+    Raises:
+        UnusableLog: nothing follows from it.
+        Stopped: it is not wanted any more.
+    """
+    stride = _stride(log)
+    delay, begun, rival = _delay(log, question, stride, rng, stop)
+    acting = log.delayed(delay)
+    fit = Fit.of(_space(acting, question.known), acting, stride, stop)
+    likeliest = fit.climb(begun.best, begun.covariance, rng)
+    if question.by_direction is not False:
+        is_asked_for = question.by_direction is True
+        fit, likeliest = _by_direction(fit, likeliest, rng, is_asked_for=is_asked_for)
+    sample = fit.sample(likeliest, rng)
+    identified = judge(fit, acting, likeliest, sample, question.num_systems, rng)
+    warnings = list(identified.warnings)
+    if rival is not None:
+        warnings.append(
+            f"a delay of {rival} steps explains the log nearly as well as one of {delay}: the gain "
+            "and the frictions are those of the delay that is given"
+        )
+    bias = next((each for each in identified.parameters if each.name == BIAS), None)
+    if bias and bias.identifiable and not bias.interval[0] <= 0.0 <= bias.interval[1]:
+        warnings.append(
+            "a bias moves a mass as frictions do that differ by it in both directions; "
+            "direction_dependent takes it for that"
+        )
+    if "control_limit" not in question.known:
+        warnings.append(
+            "control_limit is the largest control in the log; say the machine's own as known"
+        )
+    return replace(identified, delay_steps=delay, warnings=tuple(warnings))
+
+
+def _stride(log: Log) -> int:
+    """Return of how many samples one is a measurement.
+
+    Where positions are so exact that a plant's own errors are all there is to see, measurements in
+    quick succession tell of those alone: of forces that come and go, not of what is there to stay.
+    """
+    stride = max(1, log.num_steps // MOST_MEASUREMENTS)
+    unexplained = UNEXPLAINED * scale_of(log).acceleration * (stride * log.time_step) ** 2
+    if log.position_noise < unexplained:
+        stride = max(
+            stride, min(round(APART_SECONDS / log.time_step), log.num_steps // LEAST_MEASUREMENTS)
+        )
+    return stride
+
+
+class _Begun(NamedTuple):
+    """A delay that was tried."""
+
+    delay: int
+    fit: Fit
+    start: FloatArray
+    """(d,)."""
+    value: float
+    """Of the start."""
+
+
+def _delay(
+    log: Log, question: Question, stride: int, rng: np.random.Generator, stop: Stop
+) -> tuple[int, Found, int | None]:
+    """Return the likeliest delay, how far a search for its plant got, and a delay nearly as likely.
+
+    Raises:
+        UnusableLog: what is known contradicts itself, or the log.
+    """
+    most = min(MOST_DELAY, log.num_steps // 10)
+    if question.delay_steps is None:
+        delays: Iterable[int] = range(most + 1)
+    else:
+        most = question.delay_steps
+        delays = [most]
+    begun = []
+    for delay in delays:
+        delayed = log.delayed(delay, most)
+        space = _space(delayed, question.known)
+        fit = Fit.of(space, delayed, stride, stop)
+        starts = fit.starts(guesses(delayed, space.scale), delayed)
+        values = fit.value(starts)
+        best = int(np.argmax(values))
+        if np.isfinite(values[best]):
+            begun.append(_Begun(delay, fit, starts[best], float(values[best])))
+    if not begun:
+        raise UnusableLog("known", "no machine that is known to be so moves as in this log")
+    begun.sort(key=lambda each: -each.value)
+    climbed = [
+        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS), each)
+        for each in begun[:DELAYS_TRIED]
+    ]
+    # Once more for those that lead.
+    climbed.sort(key=lambda each: -each[0].value)
+    climbed = [
+        (each.fit.climb(found.best, found.covariance, rng, DELAY_GENERATIONS), each)
+        for found, each in climbed[:DELAYS_LEFT]
+    ]
+    climbed.sort(key=lambda each: -each[0].value)
+    (found, first), *others = climbed
+    is_close = bool(others) and found.value - others[0][0].value < CLOSE
+    return first.delay, found, others[0][1].delay if is_close else None
+
+
+def _space(log: Log, known: Mapping[str, Any]) -> Space:
+    """Return the unknowns of a log, with frictions that are the same both ways.
+
+    Raises:
+        UnusableLog: what is known contradicts itself.
+    """
+    scale = scale_of(log)
+    rest = {
+        COULOMB: 0.0,
+        "static_friction": known.get(COULOMB, 0.0),
+        "viscous_damping": 0.0,
+        "control_limit": scale.control,
+        "velocity_threshold": min(1e-3, max(SMALLEST, LEAST_THRESHOLD * scale.velocity)),
+    }
+    try:
+        base = System(**{**rest, **known, "time_step": log.time_step}).plant
+    except ValueError as error:
+        raise UnusableLog("known", str(error)) from None
+    return Space(
+        known=dict(known),
+        fixed_bias=None,
+        by_direction=False,
+        base=base,
+        scale=scale,
+        least_noise=log.least_noise,
+        with_velocities=log.velocities is not None,
+    )
+
+
+def _by_direction(
+    fit: Fit, same: Found, rng: np.random.Generator, *, is_asked_for: bool
+) -> tuple[Fit, Found]:
+    """Return the fit with frictions by direction where that is asked for, or told by the log.
+
+    A bias and frictions that differ by the same in the other sense move a mass alike: the bias is
+    left at zero, or where that would make a friction negative, where it is.
+    """
+    space = fit.space
+    values = {name: float(value[0]) for name, value in space.values(same.best[np.newaxis]).items()}
+    fixed = None
+    if BIAS not in space.known:
+        takes_it = abs(values[BIAS]) < 0.8 * values[f"{COULOMB}.forward"]
+        fixed = 0.0 if takes_it and COULOMB not in space.known else values[BIAS]
+    base = space.base._replace(bias=fixed) if fixed is not None else space.base
+    other = Fit(
+        replace(space, by_direction=True, fixed_bias=fixed, base=base), fit.record, fit.stop
+    )
+    if other.space.names == space.names:
+        return fit, same
+    shift = values[BIAS] - (fixed if fixed is not None else values[BIAS])
+    for field_name in (COULOMB, "static_friction"):
+        values[f"{field_name}.forward"] -= shift
+        values[f"{field_name}.backward"] += shift
+    start = other.space.point(values)
+    found = other.climb(start, other.around(NEARBY), rng, DIRECTION_GENERATIONS)
+    # Schwarz's criterion; a log that is badly explained has to say it more clearly.
+    measurements = fit.record.controls.size / fit.record.stride
+    more = len(other.space.names) - len(space.names)
+    if is_asked_for or found.value - same.value > 0.5 * (more + 1) * np.log(measurements):
+        return other, other.climb(found.best, found.covariance, rng)
+    return fit, same

@@ -1,0 +1,267 @@
+"""What a fit is worth: the estimates with their intervals, what cannot be told, and why not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.planning.arrays import BoolArray, FloatArray
+from app.planning.identification.advice import advise, why_not_told
+from app.planning.identification.evolution import Found
+from app.planning.identification.fitting import Fit
+from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.motion import Motion
+from app.planning.identification.parameters import BIAS, COULOMB, NOISES, STATIC
+from app.planning.identification.posterior import Sample, inflation
+from app.planning.identification.prediction import Trace, Windows
+from app.planning.plant.system import ControlLimits, Plant, System
+
+COVERED = 0.95
+"""By the intervals."""
+TOUCHING = 0.1
+"""An interval that begins at less than this share of its end begins at nothing."""
+LEAST_R2 = 0.3
+"""Where less of the motion is explained, the plant is not of this kind."""
+GOOD_R2 = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """An estimate."""
+
+    name: str
+    """A field of `System`, with `.forward` or `.backward` where it differs by direction."""
+    value: float
+    standard_error: float
+    interval: tuple[float, float]
+    """95 %."""
+    identifiable: bool
+    why_not: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How well the plant explains the log that it was made from."""
+
+    window_s: float
+    """How far ahead the end position is predicted, s."""
+    end_error_rms: float
+    """Of those predictions, m."""
+    r2: float
+    """Share of the variance of what the machine moves in a window that they explain."""
+    residual: float
+    """Root mean square error of the position one measurement ahead, m."""
+    acceleration_noise: float
+    """Of what the plant does not explain, m/s^2 in each step."""
+    position_noise: float
+    """m."""
+    velocity_noise: float | None
+    """m/s."""
+    condition_number: float
+    """Of the estimates' correlations: 1 if each can be told by itself."""
+    moving_steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What a log says of a machine."""
+
+    system: System
+    parameters: tuple[Parameter, ...]
+    systems: tuple[System, ...]
+    """The ensemble: each as likely as another."""
+    quality: Quality
+    advice: tuple[str, ...]
+    """What to record next."""
+    warnings: tuple[str, ...] = ()
+    delay_steps: int = 0
+
+
+def judge(
+    fit: Fit,
+    log: Log,
+    likeliest: Found,
+    sample: Sample,
+    num_systems: int,
+    rng: np.random.Generator,
+) -> Identification:
+    """Return what a fit comes to.
+
+    Args:
+        fit: the unknowns.
+        log: whose controls act at once.
+        likeliest: point that was found.
+        sample: of what else they may be.
+        num_systems: of the ensemble.
+        rng: chooses them.
+
+    Raises:
+        UnusableLog: the machine is none of this kind, or hardly moves.
+    """
+    space = fit.space
+    middle = _middle(fit, likeliest, sample)
+    trace = fit.trace(middle)
+    motion = Motion.of(trace, log, fit.record.stride)
+    if motion.moving_steps < motion.LEAST_STEPS:
+        raise UnusableLog(
+            "positions",
+            f"the machine moves in {motion.moving_steps} steps only; {motion.LEAST_STEPS} are the "
+            "least that anything follows from",
+        )
+    quality = _quality(fit, log, middle, trace, motion, sample)
+    if quality.r2 < LEAST_R2:
+        raise UnusableLog(
+            "controls",
+            f"no plant of this kind explains the motion: the best one predicts {quality.r2:.0%} of "
+            f"what the machine moves in {quality.window_s:.2g} s; are these the controls of this "
+            "axis, in their order, and does a positive one push forward?",
+        )
+    overall, _ = inflation(sample)
+    wider = float(np.sqrt(max(1.0, overall)))
+    parameters = _parameters(fit, middle, sample, wider, motion, quality)
+    limits = _limits(space.base)
+    return Identification(
+        system=space.system(middle, limits),
+        parameters=parameters,
+        systems=tuple(
+            space.system(point, limits)
+            for point in _ensemble(fit, middle, sample, wider, num_systems, rng)
+        ),
+        quality=quality,
+        advice=advise(parameters, motion),
+        warnings=tuple(_warnings(quality, overall, motion)),
+    )
+
+
+def _middle(fit: Fit, likeliest: Found, sample: Sample) -> FloatArray:
+    """Return the sample's mean, or the likeliest point where the mean lies beside all of it."""
+    mean = sample.mean
+    worst = float(fit.value(mean[np.newaxis])[0])
+    return mean if worst > likeliest.value - 2.0 * mean.size else likeliest.best
+
+
+def _quality(
+    fit: Fit, log: Log, x: FloatArray, trace: Trace, motion: Motion, sample: Sample
+) -> Quality:
+    plants, noises, _ = fit.space.plants(x[np.newaxis])
+    windows = Windows.of(Plant(*plants[0].tolist()), log, trace)
+    errors, moved = windows.errors[:, -1], windows.moved
+    measured = trace.squared_errors > 0.0
+    return Quality(
+        window_s=windows.steps * log.time_step,
+        end_error_rms=float(np.sqrt(np.mean(errors**2))),
+        r2=1.0 - float(np.mean(errors**2)) / max(float(np.mean(moved**2)), 1e-300),
+        residual=float(np.sqrt(np.mean(trace.squared_errors[measured]))) if measured.any() else 0.0,
+        acceleration_noise=float(noises[0, 0]),
+        position_noise=float(noises[0, 1]),
+        velocity_noise=float(noises[0, 2]) if NOISES[2] in fit.space.names else None,
+        condition_number=_condition_number(fit, sample),
+        moving_steps=motion.moving_steps,
+    )
+
+
+def _condition_number(fit: Fit, sample: Sample) -> float:
+    """Return that of the correlations of the plant's parameters over the sample."""
+    of_plant = [name not in NOISES for name in fit.space.names]
+    points = sample.points[:, of_plant]
+    points = points[:, points.std(axis=0) > 0.0]
+    if len(points[0]) <= 1:
+        return 1.0
+    return float(np.linalg.cond(np.corrcoef(points.T)))
+
+
+def _parameters(
+    fit: Fit,
+    middle: FloatArray,
+    sample: Sample,
+    wider: float,
+    motion: Motion,
+    quality: Quality,
+) -> tuple[Parameter, ...]:
+    """Return the estimates of all that is not known, and of what cannot be told, why."""
+    space = fit.space
+    values, at = space.values(sample.points), space.values(middle[np.newaxis])
+    parameters = []
+    for name in space.names:
+        if name in NOISES:
+            continue
+        key = name if name in values else f"{name}.forward"
+        value = float(at[key][0])
+        low, high = _shortest(values[key])
+        if name.startswith(STATIC):
+            coulomb = values[key.replace(STATIC, COULOMB)]
+            excess, most = _shortest(values[key] - coulomb)
+            if excess < TOUCHING * most:  # it may as well be no more than Coulomb friction
+                low = min(low, _shortest(coulomb)[0])
+        lower, upper = value - wider * (value - low), value + wider * (high - value)
+        if name != BIAS:
+            lower = max(0.0, lower)
+        error = wider * float(np.std(values[key]))
+        half = 0.5 * (upper - lower)
+        reason = why_not_told(name, value, half, space.scale, motion, quality.condition_number)
+        parameters.append(
+            Parameter(name, value, error, (float(lower), float(upper)), reason is None, reason)
+        )
+    if space.fixed_bias is not None:
+        parameters.append(
+            Parameter(
+                "bias",
+                space.fixed_bias,
+                0.0,
+                (space.fixed_bias, space.fixed_bias),
+                False,
+                "a bias and frictions that differ by direction move a mass alike; it is taken as "
+                f"{space.fixed_bias:.3g}, and the frictions are those beside it",
+            )
+        )
+    return tuple(parameters)
+
+
+def _shortest(values: FloatArray) -> tuple[float, float]:
+    """Return the shortest interval with 95 % of the values (N,): it begins at a bound they pile up
+    at, where one with as many below as above would leave the bound out."""
+    ordered = np.sort(values)
+    within = int(np.ceil(COVERED * ordered.size))
+    widths = ordered[within - 1 :] - ordered[: ordered.size - within + 1]
+    first = int(np.argmin(widths))
+    return float(ordered[first]), float(ordered[first + within - 1])
+
+
+def _ensemble(
+    fit: Fit,
+    middle: FloatArray,
+    sample: Sample,
+    wider: float,
+    num_systems: int,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return points (S, d) of the sample, as much wider as the intervals where they can be."""
+    points = sample.points[rng.choice(len(sample.points), num_systems)]
+    stretched = middle + wider * (points - middle)
+    possible: BoolArray = fit.space.plants(stretched)[2]
+    return np.where(possible[:, np.newaxis], stretched, points)
+
+
+def _limits(plant: Plant) -> float | ControlLimits:
+    lowest, highest = plant.lowest_control, plant.highest_control
+    return highest if lowest == -highest else ControlLimits(lowest, highest)
+
+
+def _warnings(quality: Quality, overall: float, motion: Motion) -> list[str]:
+    warnings = []
+    if quality.r2 < GOOD_R2:
+        warnings.append(
+            f"the plant predicts {quality.r2:.0%} of what the machine moves in "
+            f"{quality.window_s:.2g} s: something else moves it, too"
+        )
+    if overall > OVERCONFIDENT:
+        warnings.append(
+            "prediction errors are not independent of each other: the machine has more to it than "
+            f"the plant; intervals are {np.sqrt(overall):.1f} times as wide as errors alone ask for"
+        )
+    if motion.moving_steps < motion.FEW_STEPS:
+        warnings.append(f"the machine moves in {motion.moving_steps} steps only")
+    return warnings
+
+
+OVERCONFIDENT = 1.5
+"""Variances that are so many times as large as the likelihood says."""

@@ -29,6 +29,7 @@ def test_the_widths_are_read_from_the_shapes_that_follow_from_them(
 
 def test_the_shipped_checkpoints_have_this_layout() -> None:
     paper = Widths(channels=64, time_dimension=64, condition_dimension=64, condition_size=4)
+    machines = Widths(channels=32, time_dimension=64, condition_dimension=256, condition_size=24)
     widths = {}
     for file in SHIPPED_MODELS.glob(f"*/*/{CHECKPOINT_FILE}"):
         state = read_torchscript(file.read_bytes(), CPU).state_dict()
@@ -36,9 +37,8 @@ def test_the_shipped_checkpoints_have_this_layout() -> None:
         widths[file.parents[1].name] = read_widths(shapes)
     assert widths == {
         **{f"dry-friction-fs{friction}": paper for friction in (0.6, 0.7, 0.8)},
-        "any-machine": Widths(
-            channels=32, time_dimension=64, condition_dimension=256, condition_size=24
-        ),
+        "any-machine": machines,
+        "any-machine-h128": machines,
     }
 
 

@@ -37,14 +37,14 @@ def diversity(controls: FloatArray) -> float:
 
 
 def stuck_steps(
-    states: FloatArray, controls: FloatArray, target_position: float, system: System
+    states: FloatArray, controls: FloatArray, target_position: float | FloatArray, system: System
 ) -> IntArray:
     """Return N_stuck: stuck steps off the target (paper, Sect. 4.5).
 
     Args:
         states: (..., H+1, 2); the last state, which no control follows, does not count.
         controls: (..., H).
-        target_position: p*, m.
+        target_position: p*, m: one, or an array that goes with the controls.
         system: the plant.
     """
     position, velocity = states[..., :-1, 0], states[..., :-1, 1]

@@ -17,6 +17,8 @@ from app.api.errors import install_error_handlers
 from app.api.keys import ApiKeys, read_keys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
+from app.api.planning import BATCH_PATH
+from app.api.planning import router as planning_router
 from app.api.request_target import RequestTarget
 from app.api.routes import admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
@@ -65,6 +67,7 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
         middleware=_middleware(settings, metrics, keys),
     )
     install_error_handlers(app)
+    app.include_router(planning_router)
     app.include_router(router)
     if settings.admin:
         app.include_router(admin_router)
@@ -96,5 +99,10 @@ def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list
     return [
         *passed,
         Middleware(HeadAsGet),
-        Middleware(BodyLimit, max_bytes=settings.max_body_bytes, timeout_s=settings.body_timeout_s),
+        Middleware(
+            BodyLimit,
+            max_bytes=settings.max_body_bytes,
+            timeout_s=settings.body_timeout_s,
+            larger={BATCH_PATH: settings.max_batch_body_bytes},
+        ),
     ]

@@ -5,6 +5,7 @@ from email.message import Message
 from typing import Any
 
 from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
@@ -12,6 +13,8 @@ from starlette.responses import Response
 from app.wire.json_text import parse_json
 
 JSON = "application/json"
+PARSED_AT_ONCE = 1 << 16
+"""Up to so many bytes are parsed in the event loop: it takes a few milliseconds."""
 AS_IT_IS = "identity"
 """The one content coding: none."""
 
@@ -58,7 +61,10 @@ class _Read(Request):
         _check(request.headers)
         read = cls(request.scope, request.receive)
         read.text = await request.body()
-        read.parsed = parse_json(read.text)
+        if len(read.text) > PARSED_AT_ONCE:
+            read.parsed = await run_in_threadpool(parse_json, read.text)
+        else:
+            read.parsed = parse_json(read.text)
         return read
 
     async def body(self) -> bytes:

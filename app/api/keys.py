@@ -10,8 +10,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.errors import problem_response
-from app.api.middleware import HttpMiddleware
-from app.api.request_target import route_path
+from app.api.middleware import HttpMiddleware, route_path
 from app.settings import Settings
 
 KEY = re.compile(r"[!-~]{16,}")

@@ -2,13 +2,27 @@
 
 import asyncio
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from math import ceil
+from types import MappingProxyType
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 POLICY_VIOLATION = 1008
 """The code with which a WebSocket is refused."""
+
+
+def route_path(scope: Scope) -> str:
+    """Return a request's path as the routes have it, without the root path."""
+    path: str = scope["path"]
+    return path.removeprefix(mount_path(scope))
+
+
+def mount_path(scope: Scope) -> str:
+    """Return the root path of the whole service, within a mounted application, too."""
+    path: str = scope.get("app_root_path", scope.get("root_path", ""))
+    return path
 
 
 class HttpMiddleware(ABC):
@@ -54,22 +68,31 @@ class BodyLimit(HttpMiddleware):
         app: what is limited.
         max_bytes: the largest body.
         timeout_s: how long after its head a request's body may take to arrive.
+        larger: the largest body of those paths that take a larger one.
     """
 
-    def __init__(self, app: ASGIApp, max_bytes: int, timeout_s: float) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        max_bytes: int,
+        timeout_s: float,
+        larger: Mapping[str, int] = MappingProxyType({}),
+    ) -> None:
         super().__init__(app)
         self.max_bytes = max_bytes
+        self.larger = larger
         self.timeout_s = timeout_s
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        max_bytes = self.larger.get(route_path(scope), self.max_bytes)
         declared = Headers(scope=scope).get("content-length", "")
         deadline = asyncio.get_running_loop().time() + self.timeout_s
         received = 0
         is_complete = False
 
         def check(size: int) -> None:
-            if size > self.max_bytes:
-                raise BodyTooLarge(f"the body is larger than {self.max_bytes} bytes")
+            if size > max_bytes:
+                raise BodyTooLarge(f"the body is larger than {max_bytes} bytes")
 
         async def receive_within_limits() -> Message:
             nonlocal received, is_complete

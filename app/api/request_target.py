@@ -10,18 +10,6 @@ ABSOLUTE_FORM = re.compile(r"https?://[^/]*(?P<path>.*)", re.IGNORECASE | re.DOT
 """How a proxy is asked, and every server must understand it (RFC 9112, 3.2.2)."""
 
 
-def route_path(scope: Scope) -> str:
-    """Return a request's path as the routes have it, without the root path."""
-    path: str = scope["path"]
-    return path.removeprefix(mount_path(scope))
-
-
-def mount_path(scope: Scope) -> str:
-    """Return the root path of the whole service, within a mounted application, too."""
-    path: str = scope.get("app_root_path", scope.get("root_path", ""))
-    return path
-
-
 class RequestTarget(HttpMiddleware):
     """Put every request's path below the root path, however it was written.
 

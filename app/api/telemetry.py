@@ -9,8 +9,7 @@ from asgi_correlation_id import correlation_id
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
-from app.api.middleware import HttpMiddleware
-from app.api.request_target import mount_path, route_path
+from app.api.middleware import HttpMiddleware, mount_path, route_path
 from app.serving.admission import NONE
 
 CLIENT_GONE = 499

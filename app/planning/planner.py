@@ -108,7 +108,7 @@ def plan_many(
         for problem, result in zip(problems, refined, strict=True)
     ]
     robustness = [
-        recipe.uncertainty and judge(problem, own, float(error), recipe.uncertainty)
+        judge(problem, own, float(error), recipe.uncertainty) if recipe.uncertainty else None
         for problem, own, error in zip(problems, chosen, errors[each, best], strict=True)
     ]
     measured = perf_counter()
@@ -130,7 +130,7 @@ def plan_many(
             control_energy=float(energies[i]),
             control_smoothness=float(smoothnesses[i]),
             stuck_steps=int(stuck[i]),
-            refinement=result and _effect(result, best[i], float(errors[i, best[i]])),
+            refinement=_effect(result, best[i], float(errors[i, best[i]])) if result else None,
             robustness=robustness[i],
             cost=unrefined + Cost(rollouts=result.rollouts) if result else unrefined,
             timing=timing,

@@ -13,6 +13,8 @@ PART_BYTES = 1 << 16
 """No part but the last is shorter."""
 NUMBERS_AT_ONCE = 1 << 12
 """Written in about a quarter of a millisecond, for which the interpreter is locked."""
+PAUSE_SECONDS = 5e-5
+"""Between parts: long enough for others to get the interpreter's lock, and short beside a part."""
 
 
 def json_parts(value: Any) -> Iterator[bytes]:
@@ -24,6 +26,9 @@ def json_parts(value: Any) -> Iterator[bytes]:
     Yields:
         The text in parts of `PART_BYTES` and a little more; the last one is shorter.
     """
+    if _num_numbers(value) <= NUMBERS_AT_ONCE:
+        yield _dump(_without_none(value))
+        return
     text = bytearray()
     for piece in _pieces(value):
         text += piece
@@ -31,6 +36,24 @@ def json_parts(value: Any) -> Iterator[bytes]:
             yield bytes(text)
             text.clear()
     yield bytes(text)
+
+
+def _num_numbers(value: Any) -> int:
+    """Return how many numbers the arrays in `value` hold."""
+    if isinstance(value, np.ndarray):
+        return value.size
+    if isinstance(value, dict):
+        return sum(map(_num_numbers, value.values()))
+    return sum(map(_num_numbers, value)) if isinstance(value, list) else 0
+
+
+def _without_none(value: Any) -> Any:
+    """Return `value` as it is written: no None in an object, and arrays in one piece."""
+    if isinstance(value, dict):
+        return {name: _without_none(item) for name, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return [_without_none(item) for item in value]
+    return np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
 
 
 def _pieces(value: Any) -> Iterator[bytes]:

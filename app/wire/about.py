@@ -75,6 +75,8 @@ class Limits(WireModel):
     """The largest requests that this service takes."""
 
     max_body_bytes: int
+    max_batch_body_bytes: int
+    max_problems: int
     max_candidates: int
     max_targets: int
     max_pending_controls: int

@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.api.batch_response import BatchResponse
+from app.api.batch_response import NDJSON, BatchResponse
 from app.api.body import JsonRoute
 from app.api.dependencies import NOT_READY, get_runtime, problems
 from app.api.errors import problem_of
@@ -15,7 +15,7 @@ from app.api.sending import AnswerResponse, Body, accepts_gzip, make_body
 from app.serving.runtime import Runtime
 from app.serving.service import PlanningService, ResolvedRequest
 from app.wire.answers import MultistepPlanResponse, PlanResponse
-from app.wire.batches import BatchLine, PlanBatchRequest
+from app.wire.batches import PlanBatchRequest
 from app.wire.model import build_checks
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
@@ -61,12 +61,13 @@ async def plan_multistep(body: MultistepPlanRequest, request: Request) -> Respon
 
 @router.post(
     BATCH_PATH,
-    response_model=None,
+    status_code=200,
     response_class=BatchResponse,
     responses={
         200: {
-            "description": "A line for each problem: its plan, or why there is none.",
-            "model": BatchLine,
+            "description": "A line of JSON for each problem: a BatchPlan, or a BatchFailure, "
+            "which says why there is none.",
+            "content": {NDJSON: {"schema": {"type": "string"}}},
         },
         **{code: told for code, told in PLAN_PROBLEMS.items() if code not in (500, 504)},
     },

@@ -2,12 +2,17 @@
 
 from app.client.planner_client import AsyncPlannerClient, PlannerClient, RequestRefused
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.batches import BatchFailure, BatchPlan, BatchProblem, PlanBatchRequest
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
 __all__ = [
     "AsyncPlannerClient",
+    "BatchFailure",
+    "BatchPlan",
+    "BatchProblem",
     "MultistepPlanRequest",
     "MultistepPlanResponse",
+    "PlanBatchRequest",
     "PlanRequest",
     "PlanResponse",
     "PlannerClient",

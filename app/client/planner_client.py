@@ -5,8 +5,10 @@ be reached for a while; what it refuses otherwise is a `RequestRefused`. A reque
 gets one here, so that another attempt asks for the same plan.
 """
 
+import asyncio
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from time import sleep
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -14,13 +16,18 @@ import httpx
 from httpx_retries import Retry, RetryTransport
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from app.client.unanswered import BROKEN, Unanswered
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.batches import BatchFailure, BatchPlan, PlanBatchRequest
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
 
 PATIENCE_SECONDS = 300.0
 LONGEST_WAIT_SECONDS = 10.0
+PAUSE_SECONDS = 0.1
+"""Before a batch's rest is asked for."""
+NDJSON = "application/x-ndjson"
 TIMEOUT = httpx.Timeout(600.0, connect=LONGEST_WAIT_SECONDS)
 MOST_RETRIES = 1000
 
@@ -58,6 +65,7 @@ class PlannerClient:
         transport: httpx.BaseTransport | None = None,
         api_key: str | None = None,
     ) -> None:
+        self._patience_s = patience_s
         retrying = _retrying(transport, patience_s, _read_whole)
         self._http = httpx.Client(
             base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
@@ -76,6 +84,28 @@ class PlannerClient:
         """Ask `POST /plan_multistep`; errors as for `plan`."""
         response = self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    def plan_many(self, request: PlanBatchRequest) -> Iterator[BatchPlan | BatchFailure]:
+        """Ask `POST /plan_batch`; yield each line as it comes, `index` says of which problem.
+
+        What a broken connection leaves undone is asked for again. The service works as fast as
+        the lines are taken, and no longer than that.
+
+        Raises:
+            RequestRefused: the service says no to all of it.
+            httpx.TransportError: it cannot be reached, or no longer.
+        """
+        left = Unanswered(request, self._patience_s)
+        while left:
+            try:
+                with self._http.stream("POST", "/plan_batch", json=left.body()) as response:
+                    _accepted(response)
+                    for data in response.iter_bytes():
+                        yield from left.read(data)
+                left.ended()
+            except BROKEN as error:
+                left.ended(error)
+                sleep(PAUSE_SECONDS)
 
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
@@ -126,6 +156,7 @@ class AsyncPlannerClient:
         transport: httpx.AsyncBaseTransport | None = None,
         api_key: str | None = None,
     ) -> None:
+        self._patience_s = patience_s
         retrying = _retrying(transport, patience_s, _read_whole_async)
         self._http = httpx.AsyncClient(
             base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
@@ -140,6 +171,21 @@ class AsyncPlannerClient:
         """Ask `POST /plan_multistep`; errors as for `PlannerClient.plan`."""
         response = await self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    async def plan_many(self, request: PlanBatchRequest) -> AsyncIterator[BatchPlan | BatchFailure]:
+        """Ask `POST /plan_batch`; as `PlannerClient.plan_many` does."""
+        left = Unanswered(request, self._patience_s)
+        while left:
+            try:
+                async with self._http.stream("POST", "/plan_batch", json=left.body()) as response:
+                    _accepted(response)
+                    async for data in response.aiter_bytes():
+                        for answer in left.read(data):
+                            yield answer
+                left.ended()
+            except BROKEN as error:
+                left.ended(error)
+                await asyncio.sleep(PAUSE_SECONDS)
 
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
@@ -212,12 +258,21 @@ def _retrying(
 
 
 def _read_whole(response: httpx.Response) -> None:
-    """Read the body while a connection that breaks off still leads to another attempt."""
-    response.read()
+    """Read the body while a connection that breaks off still leads to another attempt.
+
+    But for that of a batch, which is read line by line.
+    """
+    if not _is_batch(response):
+        response.read()
 
 
 async def _read_whole_async(response: httpx.Response) -> None:
-    await response.aread()
+    if not _is_batch(response):
+        await response.aread()
+
+
+def _is_batch(response: httpx.Response) -> bool:
+    return response.headers.get("Content-Type") == NDJSON
 
 
 def _accepted(response: httpx.Response) -> httpx.Response:

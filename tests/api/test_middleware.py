@@ -153,7 +153,9 @@ def test_a_slow_body_is_documented(client: httpx.Client) -> None:
     assert "ProblemDetails" in document["components"]["schemas"]
     for path, operations in document["paths"].items():
         for operation in operations.values():
-            assert ("408" in operation["responses"]) == (path in ("/plan", "/plan_multistep"))
+            assert ("408" in operation["responses"]) == (
+                path in ("/plan", "/plan_multistep", "/plan_batch")
+            )
             assert "401" not in operation["responses"]
 
 

@@ -272,7 +272,7 @@ async def _read_whole_async(response: httpx.Response) -> None:
 
 
 def _is_batch(response: httpx.Response) -> bool:
-    return response.headers.get("Content-Type") == NDJSON
+    return bool(response.headers.get("Content-Type") == NDJSON)
 
 
 def _accepted(response: httpx.Response) -> httpx.Response:

@@ -261,8 +261,8 @@ def _stand_in(
         return service.resolve(asked, arrived), True
     except (UnfitModel, InvalidField):
         written: list[Any] = list(request.problems)
-        brought = [p["system"] for p in written if isinstance(p, dict) and p.get("system")]
-        for system in brought[:SYSTEMS_TRIED]:
+        brought = [problem.get("system") for problem in written if isinstance(problem, dict)]
+        for system in [system for system in brought if system is not None][:SYSTEMS_TRIED]:
             try:
                 own = PlanRequest.model_validate({**dict(asked), "system": system})
                 return service.resolve(own, arrived), False

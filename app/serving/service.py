@@ -268,14 +268,16 @@ class ResolvedRequest(Generic[R]):
 
     def problem(self, target: State) -> Problem:
         """Return the problem of getting from the initial state to `target`."""
-        return Problem(self.start(), as_state(target), self.system, self.horizon)
+        return Problem(self.start(), np.array(target), self.system, self.horizon)
 
     def start(self) -> FloatArray:
         """Return the state (2,) from which to plan: the one that the pending controls lead to.
 
         They are few time steps beside those of any plan, and are not counted as work.
         """
-        initial_state = as_state(self.request.initial_state)
+        initial_state = np.array(self.request.initial_state)
+        if not self.request.pending_controls:
+            return initial_state
         return state_after(self.request.pending_controls, initial_state, self.system)
 
     def provenance(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import zlib
 from collections import deque
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain
 from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 from time import sleep
@@ -73,6 +74,7 @@ def make_body(answer: Any, *, accepts_gzip: bool, stop: Stop) -> Body:
     return body
 
 
+@lru_cache(maxsize=256)
 def accepts_gzip(accept_encoding: str) -> bool:
     """Say whether a client would rather have gzip than nothing, by its Accept-Encoding header.
 

@@ -67,10 +67,10 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
         middleware=_middleware(settings, metrics, keys),
     )
     install_error_handlers(app)
-    app.include_router(planning_router)
-    app.include_router(router)
+    # The routes themselves: an included router would look for each anew, at every request.
+    app.router.routes += planning_router.routes + router.routes
     if settings.admin:
-        app.include_router(admin_router)
+        app.router.routes += admin_router.routes
     add_pages(app)
     document_middleware(app, settings.public_paths if keys else None)
     return app

@@ -39,10 +39,10 @@ class Connection:
         """Return how long the answer took, ms, and its body."""
         started = perf_counter()
         self._socket.sendall(request)
-        head, body = b"", b""
-        while not body:
-            head += self._socket.recv(1 << 16)
-            head, _, body = head.partition(b"\r\n\r\n")
+        received = b""
+        while b"\r\n\r\n" not in received:
+            received += self._socket.recv(1 << 16)
+        head, _, body = received.partition(b"\r\n\r\n")
         length = int(head.lower().partition(b"content-length:")[2].split(b"\r\n")[0])
         while len(body) < length:
             body += self._socket.recv(1 << 16)

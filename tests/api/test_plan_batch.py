@@ -188,7 +188,7 @@ def test_a_slow_reader_holds_up_nobody(client: httpx.Client) -> None:
 
 @pytest.mark.parametrize("method", ["cem", "action_diffusion"])
 def test_others_come_in_while_a_batch_is_at_work(client: httpx.Client, method: str) -> None:
-    with reading(client, 5000, **ENDLESS | {"method": method}) as lines:
+    with reading(client, 2000, **ENDLESS | {"method": method}) as lines:
         next(lines)
         for other in ("cem", "action_diffusion"):
             plan(client, method=other)
@@ -197,7 +197,7 @@ def test_others_come_in_while_a_batch_is_at_work(client: httpx.Client, method: s
 
 @pytest.mark.parametrize("method", ["cem", "action_diffusion"])
 def test_a_client_that_leaves_ends_its_batch(client: httpx.Client, method: str) -> None:
-    with reading(client, MAX_PROBLEMS, **ENDLESS | {"method": method}) as lines:
+    with reading(client, 2000, **ENDLESS | {"method": method}) as lines:
         next(lines)
     wait_until(lambda: pending(client) == 0)
     assert value(client.get("/metrics").text, "breakaway_answer_bytes") == 0

@@ -7,15 +7,15 @@ gets one here, so that another attempt asks for the same plan.
 
 import asyncio
 import secrets
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from time import sleep
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import httpx
-from httpx_retries import Retry, RetryTransport
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from app.client.retrying import LONGEST_WAIT_SECONDS, read_whole, read_whole_async, retrying
 from app.client.unanswered import BROKEN, Unanswered
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
@@ -24,12 +24,9 @@ from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
 
 PATIENCE_SECONDS = 300.0
-LONGEST_WAIT_SECONDS = 10.0
 PAUSE_SECONDS = 0.1
 """Before a batch's rest is asked for."""
-NDJSON = "application/x-ndjson"
 TIMEOUT = httpx.Timeout(600.0, connect=LONGEST_WAIT_SECONDS)
-MOST_RETRIES = 1000
 
 Answer = TypeVar("Answer", bound=BaseModel)
 MODELS = TypeAdapter(list[ModelDescription], config=ConfigDict(defer_build=True))
@@ -66,9 +63,9 @@ class PlannerClient:
         api_key: str | None = None,
     ) -> None:
         self._patience_s = patience_s
-        retrying = _retrying(transport, patience_s, _read_whole)
+        again = retrying(transport, patience_s, read_whole)
         self._http = httpx.Client(
-            base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
+            base_url=url, headers=_headers(api_key), transport=again, timeout=TIMEOUT
         )
 
     def plan(self, request: PlanRequest) -> PlanResponse:
@@ -157,9 +154,9 @@ class AsyncPlannerClient:
         api_key: str | None = None,
     ) -> None:
         self._patience_s = patience_s
-        retrying = _retrying(transport, patience_s, _read_whole_async)
+        again = retrying(transport, patience_s, read_whole_async)
         self._http = httpx.AsyncClient(
-            base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
+            base_url=url, headers=_headers(api_key), transport=again, timeout=TIMEOUT
         )
 
     async def plan(self, request: PlanRequest) -> PlanResponse:
@@ -229,50 +226,6 @@ def _body(request: PlanRequest | MultistepPlanRequest) -> dict[str, Any]:
 
 def _headers(api_key: str | None) -> dict[str, str]:
     return {"Authorization": f"Bearer {api_key}"} if api_key else {}
-
-
-def _retrying(
-    transport: httpx.BaseTransport | httpx.AsyncBaseTransport | None,
-    patience_s: float,
-    read_whole: Callable[[httpx.Response], Awaitable[None] | None],
-) -> RetryTransport:
-    """Wrap a transport so that it comes back: a request has a seed, and may be asked twice.
-
-    An answer that takes too long is not asked for again: it would take as long once more.
-    """
-    retry = Retry(
-        total=MOST_RETRIES,
-        allowed_methods=("GET", "POST"),
-        status_forcelist=(httpx.codes.TOO_MANY_REQUESTS, httpx.codes.SERVICE_UNAVAILABLE),
-        retry_on_exceptions=(
-            httpx.ConnectTimeout,
-            httpx.NetworkError,
-            httpx.RemoteProtocolError,
-        ),
-        backoff_factor=0.1,
-        max_backoff_wait=LONGEST_WAIT_SECONDS,
-        total_timeout=patience_s,
-        validate_response=read_whole,
-    )
-    return RetryTransport(transport, retry)
-
-
-def _read_whole(response: httpx.Response) -> None:
-    """Read the body while a connection that breaks off still leads to another attempt.
-
-    But for that of a batch, which is read line by line.
-    """
-    if not _is_batch(response):
-        response.read()
-
-
-async def _read_whole_async(response: httpx.Response) -> None:
-    if not _is_batch(response):
-        await response.aread()
-
-
-def _is_batch(response: httpx.Response) -> bool:
-    return bool(response.headers.get("Content-Type") == NDJSON)
 
 
 def _accepted(response: httpx.Response) -> httpx.Response:

@@ -4,7 +4,6 @@ Plain blocking code, like service.py: a line for each problem, and one at fault 
 """
 
 import logging
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter, sleep
@@ -16,28 +15,17 @@ from app.inference.model_store import UnfitModel
 from app.planning.methods import WarmStarted
 from app.planning.stop import Stopped
 from app.serving.admission import Work
+from app.serving.batch_parts import size_of_part
 from app.serving.json_parts import PART_BYTES, PAUSE_SECONDS, json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import DeadlineExceeded, InvalidField, InvalidFields
 from app.serving.service import PlanningService, ResolvedRequest
-from app.settings import Settings
 from app.wire.batches import BatchProblem, PlanBatchRequest, problem_seed
 from app.wire.field_errors import field_errors
 from app.wire.problems import FieldError, ProblemDetails
 from app.wire.requests import PlanRequest
 
-PART_SECONDS = 0.01
-"""A part of a batch takes about so long: then it is the turn of others."""
-MOST_TOGETHER = 32
-"""More problems in a part make them no faster."""
-TICKS_OF_A_PART = 4
-"""So many full ticks of the engine are a step of a part's rows: it has some while others wait."""
-MOST_PART_BYTES = 1 << 18
-"""Of the answers that a part makes, unless one of them has more."""
-MOST_PARTS = 8
-"""Parts under way at once: more of them only wait for the interpreter."""
-SYSTEMS_TRIED = 8
-
+INTERNAL_ERROR = 500
 Describe = Callable[[Exception], ProblemDetails]
 """How an error is told."""
 
@@ -73,7 +61,7 @@ class Batch:
             first += size
 
     def _size_of_part(self) -> int:
-        return _size_of_part(self.stand_in.work, self.work.kind, self._rates)
+        return size_of_part(self.stand_in.work, self.work.kind, self._rates)
 
     def answer(self, part: range, waited_ms: float, describe: Describe) -> list[bytes]:
         """Plan for some of the problems, and write a line of JSON for each.
@@ -193,93 +181,6 @@ class Batch:
         if count and not (self.work.model and isinstance(self.stand_in.recipe.method, WarmStarted)):
             steps = self.stand_in.work.rollout_steps * count
             self._rates.add_steps(self.work.kind, seconds, steps)
-
-
-INTERNAL_ERROR = 500
-
-
-def resolve_batch(
-    service: PlanningService,
-    request: PlanBatchRequest,
-    settings: Settings,
-    rates: Rates,
-    num_cores: int,
-    arrived: float | None = None,
-) -> Batch:
-    """Settle what the problems of a batch share, and refuse what it may not ask.
-
-    The limits of one request hold for each problem; all together have to fit into what may be
-    pending at all.
-
-    Args:
-        service: plans.
-        request: as it came.
-        settings: the limits.
-        rates: how fast parts of batches are done, and told so.
-        num_cores: on which parts are worked on at once.
-        arrived: when it did, by `perf_counter`; None for now.
-
-    Raises:
-        UnknownModel, UnfitModel, InvalidField: as `PlanningService.resolve`, of what is shared.
-    """
-    stand_in, is_shared = _stand_in(service, request, arrived)
-    one, count = stand_in.work, len(request.problems)
-    for what, each, limit in (
-        ("rows through the network", one.rows_left, settings.max_pending_rows),
-        ("simulated time steps", one.rollout_steps, settings.max_pending_rollout_steps),
-    ):
-        if each * count > limit:
-            detail = f"{each * count} {what}; at most {limit} are allowed: {limit // each} problems"
-            raise InvalidField("/problems", detail)
-    kind = f"{one.kind}, in batches"
-    size = _size_of_part(one, kind, rates)
-    parts_at_once = min(MOST_PARTS, num_cores + 1)
-    at_once = min(count, parts_at_once * size)
-    work = Work(
-        one.rows_left * count,
-        deadline=one.deadline,
-        model=one.model,
-        rows_per_step=one.rows_per_step * at_once,
-        rollout_steps=one.rollout_steps * count,
-        kind=kind,
-        answer_bytes=parts_at_once * max(MOST_PART_BYTES, one.answer_bytes),
-        is_batch=True,
-    )
-    return Batch(request, stand_in, work, parts_at_once, is_shared, service, rates)
-
-
-def _stand_in(
-    service: PlanningService, request: PlanBatchRequest, arrived: float | None
-) -> tuple[ResolvedRequest[PlanRequest], bool]:
-    """Resolve a problem like those of a batch, and say whether it is of the shared plant.
-
-    Where that cannot be planned for, the first plants that problems bring are tried.
-    """
-    shared = {name: getattr(request, name) for name in request.model_fields_set - {"problems"}}
-    asked = PlanRequest(initial_state=(0.0, 0.0), target_state=(0.0, 0.0), **shared)
-    try:
-        return service.resolve(asked, arrived), True
-    except (UnfitModel, InvalidField):
-        written: list[Any] = list(request.problems)
-        brought = [problem.get("system") for problem in written if isinstance(problem, dict)]
-        for system in [system for system in brought if system is not None][:SYSTEMS_TRIED]:
-            try:
-                own = PlanRequest.model_validate({**dict(asked), "system": system})
-                return service.resolve(own, arrived), False
-            except (UnfitModel, InvalidField, ValidationError):
-                continue
-        raise
-
-
-def _size_of_part(one: Work, kind: str, rates: Rates) -> int:
-    """Return how many problems, each of which takes as much as `one`, are planned together."""
-    if one.model:
-        rows = TICKS_OF_A_PART * one.model.pace.rows_at_once
-        right = math.ceil(rows / one.rows_per_step)
-    else:
-        right = int(PART_SECONDS / max(rates.seconds_of_steps(kind, one.rollout_steps), 1e-9))
-    most = MOST_PART_BYTES // max(one.answer_bytes, 1)
-    return max(1, min(right, most, MOST_TOGETHER))
 
 
 def _runs(

@@ -22,7 +22,8 @@ from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.serving.admission import NONE, Admission, Pending
-from app.serving.batches import Batch, resolve_batch
+from app.serving.batch_resolution import resolve_batch
+from app.serving.batches import Batch
 from app.serving.kernels import NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown

@@ -14,11 +14,15 @@ from starlette.middleware.cors import CORSMiddleware
 
 from app.api.documentation import add_pages, document_middleware
 from app.api.errors import install_error_handlers
+from app.api.identification import IDENTIFY_PATH
+from app.api.identification import router as identification_router
 from app.api.keys import ApiKeys, read_keys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
+from app.api.planning import BATCH_PATH
+from app.api.planning import router as planning_router
 from app.api.request_target import RequestTarget
-from app.api.routes import IDENTIFY, admin_router, router
+from app.api.routes import admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
 from app.api.unsupported import Unsupported
 from app.inference.engine import Tick
@@ -65,9 +69,11 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
         middleware=_middleware(settings, metrics, keys),
     )
     install_error_handlers(app)
-    app.include_router(router)
+    # The routes themselves: an included router would look for each anew, at every request.
+    for routed in (planning_router, identification_router, router):
+        app.router.routes += routed.routes
     if settings.admin:
-        app.include_router(admin_router)
+        app.router.routes += admin_router.routes
     add_pages(app)
     document_middleware(app, settings.public_paths if keys else None)
     return app
@@ -100,6 +106,9 @@ def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list
             BodyLimit,
             max_bytes=settings.max_body_bytes,
             timeout_s=settings.body_timeout_s,
-            larger={IDENTIFY: settings.max_log_bytes},
+            larger={
+                IDENTIFY_PATH: settings.max_log_bytes,
+                BATCH_PATH: settings.max_batch_body_bytes,
+            },
         ),
     ]

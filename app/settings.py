@@ -119,9 +119,14 @@ class Settings(BaseModel):
     idle_timeout_s: PositiveInt = Field(
         75, description="How long a connection is kept between requests, in seconds."
     )
-    max_body_bytes: PositiveInt = Field(65_536, description="Largest request body.")
+    max_body_bytes: PositiveInt = Field(
+        65_536, description="Largest request body, but for those of a log and of a batch."
+    )
     max_log_bytes: PositiveInt = Field(
-        4_194_304, description="Largest body of a request to identify a machine from its log."
+        4_194_304, description="Largest request body of POST /identify."
+    )
+    max_batch_body_bytes: PositiveInt = Field(
+        8_388_608, description="Largest request body of POST /plan_batch."
     )
     max_candidates: PositiveInt = Field(4096, description="Largest K of a request.")
     max_horizon: PositiveInt = Field(1024, description="Most time steps of a plan.")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 import pytest
 
 from app.launch import START_SECONDS, launch
@@ -165,3 +166,38 @@ def test_sighup_takes_new_models_and_keeps_the_old_ones_if_one_is_bad(
     process.send_signal(signal.SIGHUP)
     wait_until(lambda: versions(client) == ["4", "2"])
     assert client.post("/plan", json=SAMPLED | {"model": "tiny/1"}).status_code == 404
+
+
+def test_a_batch_that_was_begun_is_finished_when_the_server_ends(start: Start) -> None:
+    process, client = start()
+    problems = [{"initial_state": [0, 0], "target_state": [0.001 * i, 0]} for i in range(400)]
+    body = {"problems": problems, "method": "cem", "reachability": False, "include": []}
+    with client.stream("POST", "/plan_batch", json=body) as response:
+        lines = response.iter_lines()
+        indices = {json.loads(next(lines))["index"]}
+        process.send_signal(signal.SIGTERM)
+        wait_until(lambda: httpx.get(client.base_url.join("/readyz")).status_code == 503)
+        indices |= {json.loads(line)["index"] for line in lines}
+    assert indices == set(range(400))
+    assert process.wait(START_SECONDS) == -signal.SIGTERM
+
+
+@pytest.mark.slow
+def test_ten_thousand_problems_take_no_more_memory_than_a_thousand(start: Start) -> None:
+    process, client = start()
+    memory = psutil.Process(process.pid).memory_info
+
+    def most_memory(count: int) -> float:
+        """Return the most that is resident while so many are asked for, MB."""
+        problems = [{"initial_state": [0, 0], "target_state": [1e-4 * i, 0]} for i in range(count)]
+        body = {"problems": problems, "method": "dataset_prior", "include": ["states"]}
+        most = 0
+        with client.stream("POST", "/plan_batch", json=body | {"refine": True}) as response:
+            for _ in response.iter_lines():
+                most = max(most, memory().rss)
+        return most / 1e6
+
+    most_memory(1000)
+    thousand, ten_thousand = most_memory(1000), most_memory(10_000)
+    # The problems themselves are kept as they were read: a kilobyte each.
+    assert ten_thousand < thousand + 15

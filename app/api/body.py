@@ -1,19 +1,24 @@
 """The body of a request: what it has to be, and the one place where it is read."""
 
-from collections.abc import Callable, Coroutine
 from email.message import Message
+from functools import lru_cache
 from typing import Any
 
-from anyio import to_thread
+from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import request_response
 
 from app.wire.json_text import parse_json
 
 JSON = "application/json"
-MANY_BYTES = 1 << 16
+PARSED_AT_ONCE = 1 << 16
+"""Up to so many bytes are parsed in the event loop: it takes a few milliseconds."""
+LOCATION = ("body",)
+MISSING = {"type": "missing", "loc": LOCATION, "msg": "Field required", "input": None}
 AS_IT_IS = "identity"
 """The one content coding: none."""
 
@@ -27,50 +32,45 @@ class UnsupportedContentEncoding(Exception):
 
 
 class JsonRoute(APIRoute):
-    """A route whose body, where it has one, is JSON in UTF-8."""
+    """A route whose one argument beside the request is its body: JSON in UTF-8.
 
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        handle = super().get_route_handler()
-
-        async def read_and_handle(request: Request) -> Response:
-            return await handle(await _Read.of(request))
-
-        return read_and_handle if self.body_field else handle
-
-
-class _Read(Request):
-    """A request whose body was read and parsed before FastAPI asks for it.
-
-    FastAPI would make one vague error of much that a body can be, and let the rest by.
+    FastAPI documents it. It would also solve dependencies that there are none of, and make one
+    vague error of much that a body can be: so the body is read and checked here, by its own model,
+    and the endpoint is called at once, with `body` and `request`.
     """
 
-    text: bytes
-    parsed: Any
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.app = request_response(self._answer)
 
-    @classmethod
-    async def of(cls, request: Request) -> "_Read":
-        """Read the body of a request.
+    async def _answer(self, request: Request) -> Response:
+        body = await self._read(request)
+        response: Response = await self.endpoint(body=body, request=request)
+        return response
+
+    async def _read(self, request: Request) -> Any:
+        """Read the body of a request, and return it as the route's model.
 
         Raises:
             UnsupportedContentType: it is not JSON, by its header.
             UnsupportedContentEncoding: it is compressed.
             UnreadableJson: it is not JSON.
             InvalidParts: a part of it is JSON by syntax alone.
+            RequestValidationError: it does not fit the model.
         """
+        assert self.body_field is not None
         _check(request.headers)
-        read = cls(request.scope, request.receive)
-        read.text = await request.body()
-        if len(read.text) > MANY_BYTES:  # others get a word in meanwhile
-            read.parsed = await to_thread.run_sync(parse_json, read.text)
+        text = await request.body()
+        if len(text) > PARSED_AT_ONCE:
+            parsed = await run_in_threadpool(parse_json, text)
         else:
-            read.parsed = parse_json(read.text)
-        return read
-
-    async def body(self) -> bytes:
-        return self.text
-
-    async def json(self) -> Any:
-        return self.parsed
+            parsed = parse_json(text)
+        if parsed is None:
+            raise RequestValidationError([MISSING], body=parsed)
+        body, errors = self.body_field.validate(parsed, loc=LOCATION)
+        if errors:
+            raise RequestValidationError(errors, body=parsed)
+        return body
 
 
 def _check(headers: Headers) -> None:
@@ -83,11 +83,17 @@ def _check(headers: Headers) -> None:
     if codings.lower() not in ("", AS_IT_IS):
         raise UnsupportedContentEncoding(f"Content-Encoding is {codings}; send the body as it is")
     sent = headers.get("content-type")
-    message = Message()
-    message["content-type"] = sent or "text/plain"
-    kind, subtype = message.get_content_maintype(), message.get_content_subtype()
-    if kind != "application" or not (subtype == "json" or subtype.endswith("+json")):
+    if not _is_json(sent or "text/plain"):
         given = f"Content-Type is {sent}" if sent else "there is no Content-Type"
         raise UnsupportedContentType(
             f"{given}; the body must be JSON, sent with Content-Type: {JSON}"
         )
+
+
+@lru_cache(maxsize=256)
+def _is_json(content_type: str) -> bool:
+    """Say whether a content type is JSON's; clients send few of them, again and again."""
+    message = Message()
+    message["content-type"] = content_type
+    kind, subtype = message.get_content_maintype(), message.get_content_subtype()
+    return kind == "application" and (subtype == "json" or subtype.endswith("+json"))

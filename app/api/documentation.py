@@ -12,6 +12,7 @@ from fastapi.responses import HTMLResponse
 
 from app.api.errors import MEDIA_TYPE
 from app.api.keys import is_public
+from app.wire.batches import BatchFailure, BatchPlan
 from app.wire.problems import ProblemDetails
 
 SCHEMAS = "#/components/schemas/"
@@ -59,8 +60,10 @@ def document_middleware(app: FastAPI, private_except: Collection[str] | None) ->
 
 
 def _extend(document: dict[str, Any], private_except: Collection[str] | None) -> None:
-    problem = ProblemDetails.model_json_schema(ref_template=SCHEMAS + "{model}")
-    document["components"]["schemas"] |= problem.pop("$defs") | {ProblemDetails.__name__: problem}
+    for told in (ProblemDetails, BatchPlan, BatchFailure):
+        schema = told.model_json_schema(ref_template=SCHEMAS + "{model}", mode="serialization")
+        known = schema.pop("$defs", {}) | {told.__name__: schema}
+        document["components"]["schemas"] = known | document["components"]["schemas"]
     if private_except is not None:
         document["components"]["securitySchemes"] = {
             SECURITY_SCHEME: {"type": "http", "scheme": "bearer"}

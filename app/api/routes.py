@@ -1,11 +1,7 @@
-"""The routes: each reads a request, hands it on, and answers."""
+"""The routes that tell of the service: what it is, whether it is well, what it counts."""
 
 import platform
-from collections.abc import AsyncIterator
-from contextlib import ExitStack
-from functools import partial
 from importlib.metadata import version
-from typing import Annotated, Any
 
 import numba
 import numpy
@@ -13,17 +9,18 @@ from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import PlainTextResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
-from app.api.body import JsonRoute
-from app.api.errors import MEDIA_TYPE
-from app.api.sending import AnswerResponse, Body, accepts_gzip, make_body
+from app.api.dependencies import (
+    NOT_READY,
+    RuntimeDependency,
+    ServiceDependency,
+    get_service,
+    problems,
+)
 from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model import Model
 from app.inference.verification import ModelRejected
 from app.planning.plant.system import System
-from app.serving.identification import IdentificationService, ResolvedIdentification
 from app.serving.kernels import available_cores
-from app.serving.runtime import Runtime
-from app.serving.service import PlanningService, ResolvedRequest
 from app.wire.about import (
     Health,
     Info,
@@ -34,148 +31,13 @@ from app.wire.about import (
     describe_machines,
     describe_methods,
 )
-from app.wire.answers import MultistepPlanResponse, PlanResponse
-from app.wire.identification import MAX_SAMPLES, IdentifyRequest, IdentifyResponse
-from app.wire.model import build_checks
-from app.wire.problems import ProblemDetails
-from app.wire.requests import (
-    MAX_PENDING_CONTROLS,
-    MAX_TARGETS,
-    MultistepPlanRequest,
-    PlanRequest,
-)
+from app.wire.batches import MAX_PROBLEMS
+from app.wire.identification import MAX_SAMPLES
+from app.wire.requests import MAX_PENDING_CONTROLS, MAX_TARGETS
 
-IDENTIFY = "/identify"
-build_checks()
-router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
+router = APIRouter(generate_unique_id_function=lambda route: route.name)
 admin_router = APIRouter()
 """Open only where the settings say so."""
-
-# Dependencies are coroutines: plain functions would each take a trip through a thread.
-
-
-async def get_runtime(request: Request) -> Runtime:
-    """Return what the lifespan set up."""
-    runtime = request.state.runtime
-    assert isinstance(runtime, Runtime)
-    return runtime
-
-
-RuntimeDependency = Annotated[Runtime, Depends(get_runtime)]
-
-
-async def get_service(runtime: RuntimeDependency) -> PlanningService:
-    """Return the planning service, once it is ready."""
-    return runtime.service
-
-
-ServiceDependency = Annotated[PlanningService, Depends(get_service)]
-
-
-def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]:
-    """Document answers that are problem+json."""
-    schema = {"$ref": f"#/components/schemas/{ProblemDetails.__name__}"}
-    return {
-        status: {"description": text, "content": {MEDIA_TYPE: {"schema": schema}}}
-        for status, text in descriptions
-    }
-
-
-NOT_READY = (503, "The service is starting or draining.")
-PLAN_PROBLEMS = _problems(
-    (400, "The body is not JSON, not UTF-8, or nested too deeply."),
-    (404, "No such model."),
-    (413, "The body is too large."),
-    (415, "The body is not sent as JSON, or it is compressed."),
-    (422, "A field is invalid, repeated, too large, or does not fit the model."),
-    (429, "Too much to do, or no time for it; Retry-After says when to come back."),
-    (500, "Planning failed."),
-    NOT_READY,
-    (504, "The deadline has passed."),
-)
-
-
-async def until_sent() -> AsyncIterator[ExitStack]:
-    """What is entered here ends when the answer is sent, or will not be."""
-    with ExitStack() as stack:
-        yield stack
-
-
-UntilSent = Annotated[ExitStack, Depends(until_sent)]
-
-
-@router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])
-async def plan(
-    body: PlanRequest,
-    request: Request,
-    service: ServiceDependency,
-    runtime: RuntimeDependency,
-    until_sent: UntilSent,
-) -> Response:
-    """Plan a control sequence from a start to a target."""
-    resolved = service.resolve(body, request.state.arrived)
-    return await _answer(request, runtime, service, resolved, until_sent)
-
-
-@router.post(
-    "/plan_multistep",
-    response_model=MultistepPlanResponse,
-    responses=PLAN_PROBLEMS,
-    tags=["planning"],
-)
-async def plan_multistep(
-    body: MultistepPlanRequest,
-    request: Request,
-    service: ServiceDependency,
-    runtime: RuntimeDependency,
-    until_sent: UntilSent,
-) -> Response:
-    """Plan to several targets, each from the state that the plan before it reached."""
-    resolved = service.resolve(body, request.state.arrived)
-    return await _answer(request, runtime, service, resolved, until_sent)
-
-
-@router.post(
-    IDENTIFY, response_model=IdentifyResponse, responses=PLAN_PROBLEMS, tags=["identification"]
-)
-async def identify(
-    body: IdentifyRequest, request: Request, runtime: RuntimeDependency, until_sent: UntilSent
-) -> Response:
-    """Identify a machine from a log: its plant, how sure each parameter is, and an ensemble."""
-    service = runtime.identification
-    resolved = service.resolve(body, request.state.arrived)
-    return await _answer(request, runtime, service, resolved, until_sent)
-
-
-async def _answer(
-    request: Request,
-    runtime: Runtime,
-    service: PlanningService | IdentificationService,
-    resolved: ResolvedRequest[Any] | ResolvedIdentification,
-    until_sent: ExitStack,
-) -> Response:
-    """Have it worked out in a thread, within its deadline and while the client waits."""
-    work = resolved.work
-    request.state.log_fields |= resolved.log_fields
-    is_gzip_accepted = accepts_gzip(",".join(request.headers.getlist("Accept-Encoding")))
-
-    def answer(waited_ms: float) -> tuple[Body, dict[str, float]]:
-        result: dict[str, Any] = service.answer(resolved, waited_ms)  # type: ignore[arg-type]
-        body = make_body(result, accepts_gzip=is_gzip_accepted, stop=work.stop)
-        return body, result["timing_ms"]
-
-    until_sent.enter_context(runtime.admission.answering(work))
-    body, timing = await runtime.workers.run(work, answer, partial(_hung_up, request))
-    work.answer_bytes = body.num_bytes
-    request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
-    header = ", ".join(f"{stage};dur={ms}" for stage, ms in timing.items())
-    return AnswerResponse(body, {"Server-Timing": header})
-
-
-async def _hung_up(request: Request) -> None:
-    """Return when the client has hung up; its body has been read."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
 
 
 @router.get("/methods", tags=["about"])
@@ -184,7 +46,7 @@ async def methods() -> list[MethodDescription]:
     return describe_methods()
 
 
-@router.get("/models", responses=_problems(NOT_READY), tags=["about"])
+@router.get("/models", responses=problems(NOT_READY), tags=["about"])
 async def models(service: ServiceDependency) -> list[ModelDescription]:
     """List the models that plans can be made with."""
     return [_describe(model) for model in service.models.models]
@@ -215,8 +77,9 @@ async def info(runtime: RuntimeDependency) -> Info:
         nominal_system=System(),
         limits=Limits(
             max_targets=MAX_TARGETS,
-            max_pending_controls=MAX_PENDING_CONTROLS,
             max_log_samples=MAX_SAMPLES,
+            max_problems=MAX_PROBLEMS,
+            max_pending_controls=MAX_PENDING_CONTROLS,
             **limits,
         ),
     )
@@ -230,7 +93,7 @@ async def livez() -> Health:
 
 @router.get(
     "/readyz",
-    responses=_problems(NOT_READY),
+    responses=problems(NOT_READY),
     dependencies=[Depends(get_service)],
     tags=["health"],
 )
@@ -248,7 +111,7 @@ async def metrics(request: Request, runtime: RuntimeDependency) -> Response:
 
 @admin_router.post(
     "/admin/reload",
-    responses=_problems((409, "A model is not in order; those in use stay."), NOT_READY),
+    responses=problems((409, "A model is not in order; those in use stay."), NOT_READY),
     tags=["admin"],
 )
 async def reload(runtime: RuntimeDependency) -> list[ModelDescription]:

@@ -6,7 +6,9 @@ Nothing here computes in the event loop but the response, which sends part after
 import asyncio
 import zlib
 from collections import deque
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain
 from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 from time import sleep
@@ -16,13 +18,11 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from app.planning.stop import Stop
-from app.serving.json_parts import PART_BYTES, json_parts
+from app.serving.json_parts import PART_BYTES, PAUSE_SECONDS, json_parts
 
 GZIP_LEVEL = 1
 GZIP_WINDOW = 16 + zlib.MAX_WBITS
 """zlib writes gzip's head and tail, too."""
-PAUSE_SECONDS = 5e-5
-"""Long enough for the event loop to get the interpreter's lock, and short beside a part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +74,7 @@ def make_body(answer: Any, *, accepts_gzip: bool, stop: Stop) -> Body:
     return body
 
 
+@lru_cache(maxsize=256)
 def accepts_gzip(accept_encoding: str) -> bool:
     """Say whether a client would rather have gzip than nothing, by its Accept-Encoding header.
 
@@ -107,25 +108,29 @@ class AnswerResponse(Response):
     Args:
         body: what to send.
         headers: further ones.
+        until_sent: ends when the body is sent, or will not be.
     """
 
-    def __init__(self, body: Body, headers: dict[str, str]) -> None:
+    def __init__(self, body: Body, headers: dict[str, str], until_sent: ExitStack) -> None:
         sent_as = {"Content-Encoding": "gzip"} if body.is_gzip else {}
         length = {"Content-Length": str(body.num_bytes), "Vary": "Accept-Encoding"}
         super().__init__(headers=headers | length | sent_as, media_type="application/json")
         self._parts = body.parts
+        self._until_sent = until_sent
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
-        await send(
-            {
-                "type": "http.response.start",
-                "status": self.status_code,
-                "headers": self.raw_headers,
-            }
-        )
-        while self._parts:
-            part = self._parts.popleft()
-            is_last = not self._parts
-            await send({"type": "http.response.body", "body": part[:], "more_body": not is_last})
-            if not is_last:
-                await asyncio.sleep(0)  # a connection that takes all at once would keep the others
+        with self._until_sent:
+            await send(
+                {
+                    "type": "http.response.start",
+                    "status": self.status_code,
+                    "headers": self.raw_headers,
+                }
+            )
+            while self._parts:
+                part = self._parts.popleft()
+                is_last = not self._parts
+                message = {"type": "http.response.body", "body": part[:], "more_body": not is_last}
+                await send(message)
+                if not is_last:
+                    await asyncio.sleep(0)  # a connection that takes all would keep the others

@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from app.benchmark.batches import batches
 from app.benchmark.concurrency import concurrency
 from app.benchmark.network import network
 from app.benchmark.planning import planning
 from app.benchmark.quick_plans import quick_plans
 from app.benchmark.reference import Reference, use_threads
+from app.benchmark.requests import requests
 from app.benchmark.sampling import sampling
 from app.benchmark.service import service
 from app.evaluation.entrants import PAPER_MODEL
@@ -51,6 +53,9 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     yield from planning()
     yield "\n## The service\n"
     yield from service(chosen)
+    yield from requests()
     yield "\n## Many requests at once\n"
     yield from concurrency()
+    yield "\n## Many problems in one request\n"
+    yield from batches()
     engine.close()

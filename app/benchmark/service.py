@@ -17,6 +17,7 @@ from app.inference.sampling import sample_alone
 from app.launch import launch
 from app.planning.arrays import FloatArray
 from app.planning.methods import CEM, ActionDiffusion
+from app.planning.methods.base import Finish
 from app.planning.methods.sampler import Sampler
 from app.planning.planner import plan
 from app.planning.problem import Candidates, Problem
@@ -36,9 +37,9 @@ class BareProposal:
     def __init__(self, model: Model) -> None:
         self._model = model
 
-    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
-        """Denoise `noise` (K, H) into controls (K, H)."""
-        return Candidates(sample_alone(self._model, problem, noise, sampler))
+    def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
+        """Denoise `noise` (K, H) into controls (K, H), when they are asked for."""
+        return lambda: Candidates(sample_alone(self._model, problem, noise, sampler))
 
 
 def service(model: Model) -> Iterator[str]:

@@ -5,25 +5,29 @@ be reached for a while; what it refuses otherwise is a `RequestRefused`. A reque
 gets one here, so that another attempt asks for the same plan.
 """
 
+import asyncio
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Iterator
+from time import sleep
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import httpx
-from httpx_retries import Retry, RetryTransport
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from app.client.retrying import LONGEST_WAIT_SECONDS, read_whole, read_whole_async, retrying
+from app.client.unanswered import BROKEN, Unanswered
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.batches import BatchFailure, BatchPlan, PlanBatchRequest
 from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
 
 PATIENCE_SECONDS = 300.0
-LONGEST_WAIT_SECONDS = 10.0
+PAUSE_SECONDS = 0.1
+"""Before a batch's rest is asked for."""
 TIMEOUT = httpx.Timeout(600.0, connect=LONGEST_WAIT_SECONDS)
-MOST_RETRIES = 1000
 
 Answer = TypeVar("Answer", bound=BaseModel)
 MODELS = TypeAdapter(list[ModelDescription], config=ConfigDict(defer_build=True))
@@ -59,9 +63,10 @@ class PlannerClient:
         transport: httpx.BaseTransport | None = None,
         api_key: str | None = None,
     ) -> None:
-        retrying = _retrying(transport, patience_s, _read_whole)
+        self._patience_s = patience_s
+        again = retrying(transport, patience_s, read_whole)
         self._http = httpx.Client(
-            base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
+            base_url=url, headers=_headers(api_key), transport=again, timeout=TIMEOUT
         )
 
     def plan(self, request: PlanRequest) -> PlanResponse:
@@ -81,6 +86,28 @@ class PlannerClient:
     def identify(self, request: IdentifyRequest) -> IdentifyResponse:
         """Ask `POST /identify`; errors as for `plan`."""
         return _read(IdentifyResponse, self._http.post("/identify", json=_body(request)))
+
+    def plan_many(self, request: PlanBatchRequest) -> Iterator[BatchPlan | BatchFailure]:
+        """Ask `POST /plan_batch`; yield each line as it comes, `index` says of which problem.
+
+        What a broken connection leaves undone is asked for again. The service works as fast as
+        the lines are taken, and no longer than that.
+
+        Raises:
+            RequestRefused: the service says no to all of it.
+            httpx.TransportError: it cannot be reached, or no longer.
+        """
+        left = Unanswered(request, self._patience_s)
+        while left:
+            try:
+                with self._http.stream("POST", "/plan_batch", json=left.body()) as response:
+                    _accepted(response)
+                    for data in response.iter_bytes():
+                        yield from left.read(data)
+                left.ended()
+            except BROKEN as error:
+                left.ended(error)
+                sleep(PAUSE_SECONDS)
 
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
@@ -131,9 +158,10 @@ class AsyncPlannerClient:
         transport: httpx.AsyncBaseTransport | None = None,
         api_key: str | None = None,
     ) -> None:
-        retrying = _retrying(transport, patience_s, _read_whole_async)
+        self._patience_s = patience_s
+        again = retrying(transport, patience_s, read_whole_async)
         self._http = httpx.AsyncClient(
-            base_url=url, headers=_headers(api_key), transport=retrying, timeout=TIMEOUT
+            base_url=url, headers=_headers(api_key), transport=again, timeout=TIMEOUT
         )
 
     async def plan(self, request: PlanRequest) -> PlanResponse:
@@ -150,6 +178,21 @@ class AsyncPlannerClient:
         """Ask `POST /identify`; errors as for `PlannerClient.plan`."""
         response = await self._http.post("/identify", json=_body(request))
         return _read(IdentifyResponse, response)
+
+    async def plan_many(self, request: PlanBatchRequest) -> AsyncIterator[BatchPlan | BatchFailure]:
+        """Ask `POST /plan_batch`; as `PlannerClient.plan_many` does."""
+        left = Unanswered(request, self._patience_s)
+        while left:
+            try:
+                async with self._http.stream("POST", "/plan_batch", json=left.body()) as response:
+                    _accepted(response)
+                    async for data in response.aiter_bytes():
+                        for answer in left.read(data):
+                            yield answer
+                left.ended()
+            except BROKEN as error:
+                left.ended(error)
+                await asyncio.sleep(PAUSE_SECONDS)
 
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
@@ -193,41 +236,6 @@ def _body(request: PlanRequest | MultistepPlanRequest | IdentifyRequest) -> dict
 
 def _headers(api_key: str | None) -> dict[str, str]:
     return {"Authorization": f"Bearer {api_key}"} if api_key else {}
-
-
-def _retrying(
-    transport: httpx.BaseTransport | httpx.AsyncBaseTransport | None,
-    patience_s: float,
-    read_whole: Callable[[httpx.Response], Awaitable[None] | None],
-) -> RetryTransport:
-    """Wrap a transport so that it comes back: a request has a seed, and may be asked twice.
-
-    An answer that takes too long is not asked for again: it would take as long once more.
-    """
-    retry = Retry(
-        total=MOST_RETRIES,
-        allowed_methods=("GET", "POST"),
-        status_forcelist=(httpx.codes.TOO_MANY_REQUESTS, httpx.codes.SERVICE_UNAVAILABLE),
-        retry_on_exceptions=(
-            httpx.ConnectTimeout,
-            httpx.NetworkError,
-            httpx.RemoteProtocolError,
-        ),
-        backoff_factor=0.1,
-        max_backoff_wait=LONGEST_WAIT_SECONDS,
-        total_timeout=patience_s,
-        validate_response=read_whole,
-    )
-    return RetryTransport(transport, retry)
-
-
-def _read_whole(response: httpx.Response) -> None:
-    """Read the body while a connection that breaks off still leads to another attempt."""
-    response.read()
-
-
-async def _read_whole_async(response: httpx.Response) -> None:
-    await response.aread()
 
 
 def _accepted(response: httpx.Response) -> httpx.Response:

@@ -26,6 +26,7 @@ from app.inference.row_threads import RowThreads
 from app.inference.sampling import Sampling
 from app.inference.shares import Share, half_least_half_urgent
 from app.planning.arrays import FloatArray
+from app.planning.methods.base import Finish
 from app.planning.methods.sampler import Sampler
 from app.planning.problem import Candidates, PlanningError, Problem
 
@@ -250,14 +251,17 @@ class EngineProposal:
         self._model = model
         self._job = job
 
-    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
-        """Denoise `noise` (K, H) into controls (K, H); blocks until the engine is done.
+    def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
+        """Begin to denoise `noise` (K, H) into controls (K, H); what returns them blocks until
+        the engine is done.
 
         Raises:
+            ValueError: the model does not cover the problem's plant and horizon.
+
+        What is returned raises:
             InvalidStepCount: the model has fewer diffusion times than the sampler has steps.
             PlanningError: the network fails, or predicts what is not finite.
             Stopped: the job is not wanted any more.
-            ValueError: the model does not cover the problem's plant and horizon.
         """
         if not self._model.covers(problem.system, problem.horizon):
             raise ValueError(
@@ -268,5 +272,9 @@ class EngineProposal:
             self._job,
             lambda: Sampling(self._job, self._model, problem, noise, sampler),
         )
-        controls, begun = done.result()
-        return Candidates(controls, queue_ms=(begun - submitted) * 1e3)
+
+        def finish() -> Candidates:
+            controls, begun = done.result()
+            return Candidates(controls, queue_ms=(begun - submitted) * 1e3)
+
+        return finish

@@ -11,13 +11,13 @@ from time import perf_counter
 import numpy as np
 
 from app.planning.arrays import FloatArray
-from app.planning.methods.base import Method
+from app.planning.methods.base import Method, propose_many
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps, terminal_error
 from app.planning.objectives import best_candidate
 from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
-from app.planning.plant.rollout import rollout
+from app.planning.plant.rollout import rollout_many
 from app.planning.problem import Cost, PlanningError, Problem, Timing
-from app.planning.reachable.reachability import reachability
+from app.planning.reachable.reachability import Reachability, reachability
 from app.planning.recipe import Recipe
 from app.planning.refining.gauss_newton import EXACT
 from app.planning.refining.refinement import Refined, refine
@@ -41,60 +41,145 @@ def plan(
         PlanningError: the method proposed controls that are not finite.
         Stopped: `stop` said so.
     """
+    return plan_many([problem], recipe, [rng], stop)[0]
+
+
+def plan_many(
+    problems: Sequence[Problem],
+    recipe: Recipe[Method],
+    rngs: Sequence[np.random.Generator],
+    stop: Stop = NEVER,
+) -> list[Plan]:
+    """Plan for N problems of one plant and horizon; each has the plan that it has alone.
+
+    What Python takes for a plan beside its kernels it takes once for all of them.
+
+    Args:
+        problems: N of them, at least one.
+        recipe: how to plan for each.
+        rngs: every random draw for a problem comes from its own.
+        stop: ends the planning early.
+
+    Returns:
+        The plans in the same order, each with the mean of what they took in each stage.
+
+    Raises:
+        PlanningError: the method proposed controls that are not finite, for one of them.
+        Stopped: `stop` said so.
+        ValueError: the problems differ in plant or horizon.
+    """
+    system = problems[0].system
+    if any((p.system, p.horizon) != (system, problems[0].horizon) for p in problems[1:]):
+        raise ValueError("plans are made together for problems of one plant and horizon")
     stop.check()
-    uncertainty = recipe.uncertainty
     started = perf_counter()
-    proposal = recipe.method.propose(problem, recipe.num_candidates, rng, stop)
+    proposals = propose_many(recipe.method, problems, recipe.num_candidates, rngs, stop)
     stop.check()
-    if not np.all(np.isfinite(proposal.controls)):
+    controls = np.stack([proposal.controls for proposal in proposals])  # (N, K, H)
+    if not np.all(np.isfinite(controls)):
         raise PlanningError(f"{recipe.method.name} proposed controls that are not finite")
-    plant = problem.system.plant
-    controls = np.clip(proposal.controls, plant.lowest_control, plant.highest_control)
+    controls = np.clip(controls, system.plant.lowest_control, system.plant.highest_control)
     proposed = perf_counter()
 
-    refined, cost, error_limit = None, recipe.unrefined.cost(), math.inf
+    refined = [
+        _refined(problem, own, recipe, rng, stop)
+        for problem, own, rng in zip(problems, controls, rngs, strict=True)
+    ]
     if recipe.refinement:
-        refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
-        if uncertainty:
-            refined = refine_robustly(problem, refined, uncertainty, rng, stop)
-        controls, cost = refined.controls, cost + Cost(rollouts=refined.rollouts)
-        error_limit = float(refined.errors_before.min()) + EXACT
+        controls = np.stack([result.controls for result in refined if result])
     refined_at = perf_counter()
 
-    states = rollout(problem.system, problem.initial_state, controls)
-    errors = terminal_error(states[:, -1], problem.target_state)
-    ranked_by = errors
-    if uncertainty:
-        ranked_by, error_limit = uncertainty.risks(controls, problem.target_state), math.inf
-    best = best_candidate(problem, controls, states, ranked_by, recipe.objective, error_limit)
-    stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
-    bound = None
-    if recipe.reachability:
-        bound = (refined and refined.reachability) or reachability(problem, stop)
-    robustness = None
-    if uncertainty:
-        robustness = judge(problem, controls[best], float(errors[best]), uncertainty)
+    starts = np.array([problem.initial_state for problem in problems])
+    targets = np.array([problem.target_state for problem in problems])
+    states = rollout_many(system.plant, starts, controls)  # (N, K, H+1, 2)
+    errors = terminal_error(states[:, :, -1], targets[:, np.newaxis])
+    each = np.arange(len(problems))
+    best = np.array(
+        [
+            _best(problem, recipe, controls[i], states[i], errors[i], refined[i])
+            for i, problem in enumerate(problems)
+        ]
+    )
+    chosen, passed = controls[each, best], states[each, best]
+    energies, smoothnesses = control_energy(chosen), control_smoothness(chosen)
+    stuck = stuck_steps(passed, chosen, targets[:, :1], system)
+    bounds = [
+        _bound(problem, recipe, result, stop)
+        for problem, result in zip(problems, refined, strict=True)
+    ]
+    robustness = [
+        judge(problem, own, float(error), recipe.uncertainty) if recipe.uncertainty else None
+        for problem, own, error in zip(problems, chosen, errors[each, best], strict=True)
+    ]
     measured = perf_counter()
 
-    return Plan(
-        controls=controls[best],
-        states=states[best],
-        terminal_error=float(errors[best]),
-        reachability=bound,
-        control_energy=float(control_energy(controls[best])),
-        control_smoothness=float(control_smoothness(controls[best])),
-        stuck_steps=int(stuck),
-        refinement=_effect(refined, best, float(errors[best])) if refined else None,
-        robustness=robustness,
-        cost=cost,
-        timing=Timing(
-            queue=proposal.queue_ms,
-            propose=(proposed - started) * 1e3 - proposal.queue_ms,
-            refine=(refined_at - proposed) * 1e3,
-            rollout=(measured - refined_at) * 1e3,
-        ),
-        candidates=RankedCandidates(controls, states, errors),
+    count, unrefined = len(problems), recipe.unrefined.cost()
+    waited_ms = min(proposal.queue_ms for proposal in proposals)
+    timing = Timing(
+        queue=waited_ms / count,
+        propose=((proposed - started) * 1e3 - waited_ms) / count,
+        refine=(refined_at - proposed) * 1e3 / count,
+        rollout=(measured - refined_at) * 1e3 / count,
     )
+    return [
+        Plan(
+            controls=chosen[i],
+            states=passed[i],
+            terminal_error=float(errors[i, best[i]]),
+            reachability=bounds[i],
+            control_energy=float(energies[i]),
+            control_smoothness=float(smoothnesses[i]),
+            stuck_steps=int(stuck[i]),
+            refinement=_effect(result, best[i], float(errors[i, best[i]])) if result else None,
+            robustness=robustness[i],
+            cost=unrefined + Cost(rollouts=result.rollouts) if result else unrefined,
+            timing=timing,
+            candidates=RankedCandidates(controls[i], states[i], errors[i]),
+        )
+        for i, result in enumerate(refined)
+    ]
+
+
+def _refined(
+    problem: Problem,
+    controls: FloatArray,
+    recipe: Recipe[Method],
+    rng: np.random.Generator,
+    stop: Stop,
+) -> Refined | None:
+    """Return candidates (K, H) after refinement, where the recipe has one."""
+    if recipe.refinement is None:
+        return None
+    refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
+    if recipe.uncertainty:
+        return refine_robustly(problem, refined, recipe.uncertainty, rng, stop)
+    return refined
+
+
+def _best(
+    problem: Problem,
+    recipe: Recipe[Method],
+    controls: FloatArray,
+    states: FloatArray,
+    errors: FloatArray,
+    refined: Refined | None,
+) -> int:
+    """Return the index of the best of K candidates: by their risks where there are any."""
+    error_limit = math.inf
+    if recipe.uncertainty:
+        errors = recipe.uncertainty.risks(controls, problem.target_state)
+    elif refined:
+        error_limit = float(refined.errors_before.min()) + EXACT
+    return best_candidate(problem, controls, states, errors, recipe.objective, error_limit)
+
+
+def _bound(
+    problem: Problem, recipe: Recipe[Method], refined: Refined | None, stop: Stop
+) -> Reachability | None:
+    """Return how near any plan could come, where that is asked for."""
+    if not recipe.reachability:
+        return None
+    return (refined and refined.reachability) or reachability(problem, stop)
 
 
 def _effect(refined: Refined, best: int, error: float) -> RefinementEffect:

@@ -48,12 +48,12 @@ class ControlPrior(Options):
         rng: np.random.Generator,
     ) -> FloatArray:
         """Draw `num_candidates` control sequences; return (K, H) within the plant's limits."""
+        # Drawn here: a kernel that takes a generator is called much more slowly.
+        draws = rng.random((num_candidates, self.num_segments, 2))
         return _sample(
-            rng,
-            num_candidates,
+            draws,
             horizon,
             plant,
-            self.num_segments,
             float(self.kick_probability),
             float(self.medium_probability),
             float(self.kick_minimum),
@@ -65,11 +65,9 @@ class ControlPrior(Options):
 
 @compiled
 def _sample(
-    rng: np.random.Generator,
-    num_candidates: int,
+    draws: FloatArray,
     horizon: int,
     plant: Plant,
-    num_segments: int,
     kick_probability: float,
     medium_probability: float,
     kick_minimum: float,
@@ -77,12 +75,16 @@ def _sample(
     near_zero_maximum: float,
     filter_coefficient: float,
 ) -> FloatArray:
+    """Return controls (K, H) from uniform `draws` (K, segments, 2), within [0, 1): which mode a
+    segment has, and its value.
+    """
+    num_candidates, num_segments, _ = draws.shape
     controls = np.empty((num_candidates, horizon))
     segments = np.empty(num_segments)
     for candidate in range(num_candidates):
         for segment in range(num_segments):
-            mode = rng.random()
-            value = 2.0 * rng.random() - 1.0
+            mode = draws[candidate, segment, 0]
+            value = 2.0 * draws[candidate, segment, 1] - 1.0
             if mode < kick_probability:
                 magnitude = kick_minimum + (1.0 - kick_minimum) * abs(value)
                 segments[segment] = magnitude if value >= 0.0 else -magnitude

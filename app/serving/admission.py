@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 from app.inference.job import Job
-from app.serving.forecast import finish_times, queue_times
+from app.serving.forecast import finish_times, queue_times, turn_times
 from app.serving.rates import Rates
 from app.serving.refusals import Refused
 from app.settings import Settings
@@ -28,8 +28,9 @@ WRITING_SECONDS = 2e-8
 
 NONE = "none"
 """In the place of a model's name where there is none."""
-Lane: TypeAlias = Literal["network", "short", "long"]
-"""Where a plan waits its turn: for the network, or for a core among plans of its own kind."""
+Lane: TypeAlias = Literal["network", "short", "long", "batch"]
+"""Where a plan waits its turn: for the network, or for a core among plans of its own kind. Parts of
+a batch wait among the long ones, each for its own turn."""
 
 
 @dataclass(eq=False, slots=True, kw_only=True)
@@ -45,7 +46,12 @@ class Work(Job):
     kind: str
     """Plans of a kind take about as long for a time step."""
     answer_bytes: int
-    """As many as are expected; as many as there are once the answer is made."""
+    """As many as are expected; as many as there are once the answer is made. Of a batch, those that
+    may be made and not sent."""
+    is_batch: bool = False
+    """Whether it is done in parts, and the others come first."""
+    is_held_up: bool = False
+    """Whether its own client keeps it from being done: nobody else has to wait for it then."""
 
 
 class Pending(NamedTuple):
@@ -130,6 +136,8 @@ class Admission:
     def _lane(self, work: Work) -> Lane:
         if work.model:
             return "network"
+        if work.is_batch:
+            return "batch"
         return "short" if self._computing_seconds(work) <= SHORT_SECONDS else "long"
 
     def _computing_seconds(self, work: Work) -> float:
@@ -173,7 +181,9 @@ class Admission:
                 late,
             )
         in_danger = [
-            other for other in self._admitted if other.deadline > now and lateness(other) > 0
+            other
+            for other in self._admitted
+            if other.deadline > now and not other.is_held_up and lateness(other) > 0
         ]
         before = self._forecast(self._admitted) if in_danger else {}
         for other in in_danger:
@@ -183,19 +193,26 @@ class Admission:
 
     def _forecast(self, admitted: dict[Work, Lane]) -> dict[Work, float]:
         """Return in how many seconds each is done."""
-        lanes: dict[Lane, list[Work]] = {"network": [], "short": [], "long": []}
+        lanes: dict[Lane, list[Work]] = {"network": [], "short": [], "long": [], "batch": []}
         for work, lane in admitted.items():
             lanes[lane].append(work)
         lanes["network"].sort(key=lambda work: work.urgency)
         return {
-            **self._sampled(lanes["network"], is_crowded=bool(lanes["long"])),
+            **self._sampled(lanes["network"], is_crowded=bool(lanes["long"] or lanes["batch"])),
             **self._computed(lanes["short"]),
             **self._computed(lanes["long"]),
+            **self._computed_in_turns(lanes["batch"], lanes["long"]),
         }
 
     def _computed(self, works: list[Work]) -> dict[Work, float]:
         seconds = [self._computing_seconds(work) for work in works]
         return dict(zip(works, queue_times(seconds, self._compiled_at_once), strict=True))
+
+    def _computed_in_turns(self, batches: list[Work], first: list[Work]) -> dict[Work, float]:
+        seconds = [self._computing_seconds(work) for work in batches]
+        others = [self._computing_seconds(work) for work in first]
+        finished = turn_times(seconds, others, self._compiled_at_once)
+        return dict(zip(batches, finished, strict=True))
 
     def _sampled(self, works: list[Work], is_crowded: bool) -> dict[Work, float]:
         sampling, crowded_out = [], []

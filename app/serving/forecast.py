@@ -57,3 +57,21 @@ def queue_times(work: Sequence[float], servers: int) -> list[float]:
         free_at[first] += seconds
         finished.append(free_at[first])
     return finished
+
+
+def turn_times(work: Sequence[float], first: Sequence[float], servers: int) -> list[float]:
+    """Return when each of these is done, at the latest, if they take turns in small parts.
+
+    Whoever has the least left has had as many turns as each of the others when it is done. What
+    comes `first` may keep a server to itself for as long as its longest takes.
+
+    Args:
+        work: seconds that each takes.
+        first: seconds of each that does not wait for these.
+        servers: how many parts are worked on at once.
+
+    Returns:
+        Seconds from now, in the same order.
+    """
+    before, longest = sum(first), max(first, default=0.0)
+    return [(before + sum(min(other, own) for other in work)) / servers + longest for own in work]

@@ -4,6 +4,7 @@ import math
 from typing import Literal, TypeAlias
 
 from app.planning.stop import Stopped
+from app.wire.problems import FieldError
 
 Reason: TypeAlias = Literal["queue_full", "deadline"]
 
@@ -14,6 +15,14 @@ class InvalidField(Exception):
     def __init__(self, pointer: str, detail: str) -> None:
         super().__init__(detail)
         self.pointer = pointer
+
+
+class InvalidFields(Exception):
+    """Fields of one problem among many that do not fit their schema."""
+
+    def __init__(self, errors: list[FieldError]) -> None:
+        super().__init__("; ".join(f"{error.pointer}: {error.detail}" for error in errors))
+        self.errors = errors
 
 
 class NotReady(Exception):

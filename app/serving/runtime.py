@@ -22,6 +22,8 @@ from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.warm_up import warm_up
 from app.serving.admission import NONE, Admission, Pending
+from app.serving.batch_resolution import resolve_batch
+from app.serving.batches import Batch
 from app.serving.identification import IdentificationService
 from app.serving.kernels import NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
@@ -30,6 +32,7 @@ from app.serving.service import PlanningService
 from app.serving.workers import Workers
 from app.settings import Settings
 from app.terminal import progress_line
+from app.wire.batches import PlanBatchRequest
 
 POLL_SECONDS = 0.02
 
@@ -88,6 +91,16 @@ class Runtime:
         if self._service is None:
             raise NotReady(self._state)
         return self._service
+
+    def batch(self, request: PlanBatchRequest, arrived: float) -> Batch:
+        """Settle what the problems of a batch share; errors as for `service` and `resolve_batch`.
+
+        Args:
+            request: as it came.
+            arrived: when it did, by `perf_counter`.
+        """
+        cores = self.network_threads
+        return resolve_batch(self.service, request, self.settings, self._rates, cores, arrived)
 
     @property
     def identification(self) -> IdentificationService:

@@ -4,8 +4,9 @@ Plain blocking code: the routes plan in a thread, the command line calls it as i
 """
 
 import secrets
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
@@ -14,10 +15,9 @@ import numpy as np
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.arrays import FloatArray
 from app.planning.methods import WarmStarted
-from app.planning.methods.base import MethodOptions
+from app.planning.methods.base import Method, MethodOptions
 from app.planning.methods.settling import needs_model
-from app.planning.plan import MultistepPlan, Plan
-from app.planning.planner import plan, plan_multistep
+from app.planning.planner import plan_many, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import (
     DEFAULT_HORIZON,
@@ -27,20 +27,20 @@ from app.planning.problem import (
     as_state,
     state_after,
 )
-from app.planning.reachable.reachability import Reachability
 from app.planning.recipe import Recipe
-from app.planning.uncertainty.robustness import Robustness
 from app.serving.admission import Work
 from app.serving.ensembles import uncertainty_of
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
+from app.serving.reports import multistep_fields, segment_fields, timing_fields
 from app.settings import Settings
-from app.wire.answers import MultistepPlanResponse, PlanResponse, ReachabilityReport
-from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest, State
+from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest, State
 
 if TYPE_CHECKING:
     from app.inference.engine import Engine
+    from app.inference.model import Model
 
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
 R = TypeVar("R", PlanRequest, MultistepPlanRequest)
@@ -115,7 +115,7 @@ class PlanningService:
             kind=_kind(recipe),
             answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
         )
-        return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, work)
+        return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, model, work)
 
     def answer(self, resolved: "ResolvedRequest[Any]", waited_ms: float = 0.0) -> dict[str, Any]:
         """Plan, and say what came of it.
@@ -125,35 +125,67 @@ class PlanningService:
             waited_ms: how long the request waited before this call, for the answer's timing.
 
         Returns:
-            The fields of a `PlanResponse` or, for several targets, a `MultistepPlanResponse`, with
-            None for what is absent, and numpy's arrays: of a million numbers, Python would make a
-            million objects, and nobody else would get a word in. `json_parts` writes it.
+            The fields of a `PlanResponse` or, for several targets, a `MultistepPlanResponse`, as
+            `json_parts` writes them.
 
         Raises:
             InvalidStepCount: more denoising steps than the model has diffusion times.
             PlanningError: the method failed.
             Stopped: the work's stop said so.
         """
-        request, model, proposal = resolved.request, resolved.work.model, None
-        if model:
-            assert self._engine is not None
-            proposal = self._engine.bind(model, resolved.work)
-        recipe = resolved.recipe.able(proposal)
-        if recipe.uncertainty:
-            pending = np.array(request.pending_controls)
-            recipe = replace(recipe, uncertainty=recipe.uncertainty.after(pending))
-        rng = np.random.default_rng(resolved.seed)
-        stop = resolved.work.stop
+        request = resolved.request
         if isinstance(request, MultistepPlanRequest):
             targets = [as_state(target) for target in request.targets]
-            plans = plan_multistep(resolved.problem(request.targets[0]), targets, recipe, rng, stop)
-            timing, fields = plans.timing, _multistep_fields(plans, request.include)
+            rng = np.random.default_rng(resolved.seed)
+            problem, stop = resolved.problem(request.targets[0]), resolved.work.stop
+            plans = plan_multistep(problem, targets, self._able(resolved), rng, stop)
+            timing, fields = plans.timing, multistep_fields(plans, request.include)
+            fields["timing_ms"] = timing_fields(Timing(queue=waited_ms) + timing)
+            answer = resolved.provenance() | fields
         else:
-            single = plan(resolved.problem(request.target_state), recipe, rng, stop)
-            timing, fields = single.timing, _segment_fields(single, request.include)
+            [(answer, timing)] = self.answer_many([resolved], waited_ms)
         self._measure(resolved, timing)
-        fields["timing_ms"] = _timing_fields(Timing(queue=waited_ms) + timing)
-        return resolved.provenance() | fields
+        return answer
+
+    def answer_many(
+        self, resolved: "Sequence[ResolvedRequest[PlanRequest]]", waited_ms: float = 0.0
+    ) -> "list[tuple[dict[str, Any], Timing]]":
+        """Plan for requests that differ in start, target and seed alone; errors as for `answer`.
+
+        Args:
+            resolved: at least one, all of the same work.
+            waited_ms: how long they waited together before this call.
+
+        Returns:
+            For each what `answer` returns, and what its plan took; where there are several, the
+            mean of what they took together.
+        """
+        first = resolved[0]
+        plans = plan_many(
+            [each.problem(each.request.target_state) for each in resolved],
+            self._able(first),
+            [np.random.default_rng(each.seed) for each in resolved],
+            first.work.stop,
+        )
+        waited = Timing(queue=waited_ms / len(plans))
+        answers = []
+        for each, plan in zip(resolved, plans, strict=True):
+            fields = segment_fields(plan, each.request.include)
+            fields["timing_ms"] = timing_fields(waited + plan.timing)
+            answers.append((each.provenance() | fields, plan.timing))
+        return answers
+
+    def _able(self, resolved: "ResolvedRequest[Any]") -> Recipe[Method]:
+        """Return the recipe of a request as one that can be followed."""
+        proposal = None
+        if resolved.model:
+            assert self._engine is not None
+            proposal = self._engine.bind(resolved.model, resolved.work)
+        recipe = resolved.recipe.able(proposal)
+        if recipe.uncertainty:
+            pending = np.array(resolved.request.pending_controls)
+            recipe = replace(recipe, uncertainty=recipe.uncertainty.after(pending))
+        return recipe
 
     def plan(self, resolved: "ResolvedRequest[PlanRequest]") -> PlanResponse:
         """Answer `POST /plan` with what its client reads; errors as for `answer`."""
@@ -230,18 +262,22 @@ class ResolvedRequest(Generic[R]):
     system: System
     horizon: int
     seed: int
+    model: "Model | None"
+    """None where nothing goes through a network."""
     work: Work
 
     def problem(self, target: State) -> Problem:
         """Return the problem of getting from the initial state to `target`."""
-        return Problem(self.start(), as_state(target), self.system, self.horizon)
+        return Problem(self.start(), np.array(target), self.system, self.horizon)
 
     def start(self) -> FloatArray:
         """Return the state (2,) from which to plan: the one that the pending controls lead to.
 
         They are few time steps beside those of any plan, and are not counted as work.
         """
-        initial_state = as_state(self.request.initial_state)
+        initial_state = np.array(self.request.initial_state)
+        if not self.request.pending_controls:
+            return initial_state
         return state_after(self.request.pending_controls, initial_state, self.system)
 
     @property
@@ -257,7 +293,7 @@ class ResolvedRequest(Generic[R]):
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of an answer that say where it comes from."""
-        manifest = self.work.model and self.work.model.manifest
+        manifest = self.model and self.model.manifest
         reference = manifest and {
             "name": manifest.name,
             "version": str(manifest.version),
@@ -267,9 +303,15 @@ class ResolvedRequest(Generic[R]):
             "method": self.recipe.method.name,
             "model": reference,
             "seed": self.seed,
-            "system": asdict(self.system),
+            "system": _fields_of(self.system),
             "predicted_initial_state": self.start() if self.request.pending_controls else None,
         }
+
+
+@lru_cache(maxsize=1024)
+def _fields_of(system: System) -> dict[str, Any]:
+    """Return the fields of a plant, for many answers the same ones; nobody changes them."""
+    return asdict(system)
 
 
 def _check(*limits: tuple[str, str, int, int]) -> None:
@@ -304,68 +346,3 @@ def _answer_numbers(request: AnyRequest, horizon: int) -> int:
     own = 2 if isinstance(request, MultistepPlanRequest) else 1  # in the segment, and in all
     sequences = own + (request.num_candidates if "candidates" in request.include else 0)
     return sequences * horizon * (3 if "states" in request.include else 1)
-
-
-def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, Any]:
-    """Return the fields of a `Segment`."""
-    candidates = result.candidates
-    with_states = "states" in include
-    return {
-        "controls": result.controls,
-        "states": result.states if with_states else None,
-        "terminal_error": result.terminal_error,
-        "gap": result.gap,
-        "reachability": result.reachability and _reachability_fields(result.reachability),
-        "refinement": result.refinement and asdict(result.refinement),
-        "robustness": result.robustness and _robustness_fields(result.robustness),
-        "control_energy": result.control_energy,
-        "control_smoothness": result.control_smoothness,
-        "stuck_steps": result.stuck_steps,
-        "diversity": candidates.diversity,
-        "cost": _cost_fields(result.cost),
-        "timing_ms": _timing_fields(result.timing),
-        "candidates": {
-            "controls": candidates.controls,
-            "terminal_errors": candidates.terminal_errors,
-            "states": candidates.states if with_states else None,
-        }
-        if "candidates" in include
-        else None,
-    }
-
-
-def _reachability_fields(reachability: Reachability) -> dict[str, Any]:
-    """Return the fields of a `ReachabilityReport`; the domain knows more."""
-    return {name: getattr(reachability, name) for name in ReachabilityReport.model_fields}
-
-
-def _robustness_fields(robustness: Robustness) -> dict[str, Any]:
-    """Return the fields of a `RobustnessReport`, with the risk as it was asked for."""
-    risk = robustness.risk
-    asked_for = {"cvar": risk.level} if risk.name == "cvar" else risk.name
-    return asdict(robustness) | {"risk": asked_for}
-
-
-def _multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> dict[str, Any]:
-    """Return the fields of a `MultistepPlanResponse` that say what was planned."""
-    return {
-        "segments": [_segment_fields(part, include) for part in result.segments],
-        "controls": result.controls,
-        "states": result.states if "states" in include else None,
-        "final_error": result.final_error,
-        "mean_end_error": result.mean_end_error,
-        "mean_end_floor": result.mean_end_floor,
-        "stuck_steps": result.stuck_steps,
-        "cost": _cost_fields(result.cost),
-    }
-
-
-def _cost_fields(cost: Cost) -> dict[str, int]:
-    """Return the fields of a `CostReport`."""
-    return {"network_evaluations": cost.network_evaluations, "rollouts": cost.rollouts}
-
-
-def _timing_fields(timing: Timing) -> dict[str, float]:
-    """Return the fields of a `TimingReport`, to the microsecond: what lies below is noise."""
-    fields = asdict(timing) | {"total": timing.total}
-    return {stage: round(ms, 3) for stage, ms in fields.items()}

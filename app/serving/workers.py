@@ -2,8 +2,9 @@
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
-from contextlib import nullcontext
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, nullcontext
+from functools import partial
 from time import perf_counter
 from typing import TypeVar
 
@@ -15,6 +16,7 @@ from app.planning.stop import Stopped
 from app.serving.admission import Admission, Lane, Work
 from app.serving.refusals import ClientGone, DeadlineExceeded
 
+P = TypeVar("P")
 T = TypeVar("T")
 
 
@@ -57,27 +59,62 @@ class Workers:
         """
         with self._admission.admitted(work) as lane:
             begun = perf_counter()
-            queue = anyio.CancelScope()
-
-            def stop(reason: Stopped) -> None:
-                work.stop.set(reason)
-                queue.cancel()
-
-            async def watch_client() -> None:
-                await gone()
-                stop(ClientGone("the client has gone"))
-
-            watch = asyncio.create_task(watch_client())
-            timer = asyncio.get_running_loop().call_later(
-                work.deadline - begun, stop, DeadlineExceeded("the deadline has passed")
-            )
-            try:
+            async with _while_wanted(work, gone) as waiting:
                 if lane == "network":
                     return await self._run_network(function, begun)
-                return await self._run_compiled(work, function, begun, queue, lane)
+                return await self._run_compiled(waiting, _checked(work, function), begun, lane)
+
+    async def run_parts(
+        self,
+        work: Work,
+        parts: Iterator[P],
+        function: Callable[[P, float], T],
+        at_once: int,
+        gone: Callable[[], Awaitable[None]],
+    ) -> AsyncGenerator[tuple[P, T], None]:
+        """Yield each part of a work with `function(part, waited_ms)`, in whatever order they get
+        done.
+
+        Some are under way at once, each on a core for its own turn only; and whoever takes the
+        results sets the pace: as many wait to be taken at most. The admission is the caller's.
+
+        Args:
+            work: what was admitted; its job's stop is set when the deadline passes, the client goes
+                or nobody takes the results any more.
+            parts: asked for the next one when it can be begun.
+            function: does a part; past the deadline it says so of each thing in it.
+            at_once: how many parts are under way, or wait to be taken.
+            gone: returns when nobody waits for the results any more.
+
+        Raises:
+            Stopped: ClientGone, or whatever else the job was stopped with but its deadline.
+        """
+        under_way: dict[asyncio.Task[T], P] = {}
+
+        def begin() -> None:
+            while len(under_way) < at_once and (part := next(parts, None)) is not None:
+                doing = self._run_part(work, waiting, partial(function, part))
+                under_way[asyncio.create_task(doing)] = part
+
+        async with _while_wanted(work, gone) as waiting:
+            try:
+                begin()
+                while under_way:
+                    done, _ = await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
+                    for task in done:
+                        part = under_way.pop(task)
+                        yield part, task.result()
+                        begin()
             finally:
-                timer.cancel()
-                watch.cancel()
+                # Threads cannot be cancelled; they heed the stop, and soon.
+                waiting.stop(ClientGone("nobody takes the results any more"))
+                await asyncio.gather(*under_way, return_exceptions=True)
+
+    async def _run_part(self, work: Work, waiting: "_Waiting", function: Callable[[float], T]) -> T:
+        begun = perf_counter()
+        if work.model:
+            return await self._run_network(function, begun)
+        return await self._run_compiled(waiting, function, begun, "batch")
 
     async def _run_network(self, function: Callable[[float], T], begun: float) -> T:
         self._change_network_plans(1)
@@ -93,27 +130,81 @@ class Workers:
             cores.total_tokens = max(1, self._row_threads.num_threads - reserved)
 
     async def _run_compiled(
-        self,
-        work: Work,
-        function: Callable[[float], T],
-        begun: float,
-        queue: anyio.CancelScope,
-        lane: Lane,
+        self, waiting: "_Waiting", function: Callable[[float], T], begun: float, lane: Lane
     ) -> T:
-        cores = self._cores[lane]
+        """Compute on a core, once there is one; at once for a work that is stopped meanwhile."""
+        cores, borrower = self._cores["short" if lane == "short" else "long"], object()
         acquired = False
         try:
-            with queue:
-                await cores.acquire_on_behalf_of(work)
+            with waiting.until_stopped():
+                await cores.acquire_on_behalf_of(borrower)
                 acquired = True
-            work.stop.check()
-            with self._row_threads.lend() if lane == "long" else nullcontext():
+            with self._row_threads.lend() if lane != "short" and acquired else nullcontext():
                 return await self._in_thread(function, begun)
         finally:
             if acquired:
-                cores.release_on_behalf_of(work)
+                cores.release_on_behalf_of(borrower)
 
     async def _in_thread(self, function: Callable[[float], T], begun: float) -> T:
         return await anyio.to_thread.run_sync(
             lambda: function((perf_counter() - begun) * 1e3), limiter=self._threads
         )
+
+
+class _Waiting:
+    """All that waits for a core on behalf of a work, and ends to when nobody wants it any more."""
+
+    def __init__(self, work: Work) -> None:
+        self._work = work
+        self._scopes: set[anyio.CancelScope] = set()
+
+    def stop(self, reason: Stopped) -> None:
+        """Stop the work, and let nobody wait for it."""
+        self._work.stop.set(reason)
+        for scope in self._scopes:
+            scope.cancel()
+
+    @contextmanager
+    def until_stopped(self) -> Iterator[None]:
+        """Leave the context, wherever it waits, when the work is stopped."""
+        scope = anyio.CancelScope()
+        self._scopes.add(scope)
+        if self._work.stop.flag[0]:
+            scope.cancel()
+        try:
+            with scope:
+                yield
+        finally:
+            self._scopes.remove(scope)
+
+
+@asynccontextmanager
+async def _while_wanted(work: Work, gone: Callable[[], Awaitable[None]]) -> AsyncIterator[_Waiting]:
+    """Stop a work when its deadline passes or its client goes, until the context ends."""
+    waiting = _Waiting(work)
+
+    async def watch_client() -> None:
+        await gone()
+        waiting.stop(ClientGone("the client has gone"))
+
+    watch = asyncio.create_task(watch_client())
+    timer = asyncio.get_running_loop().call_later(
+        work.deadline - perf_counter(),
+        waiting.stop,
+        DeadlineExceeded("the deadline has passed"),
+    )
+    try:
+        yield waiting
+    finally:
+        timer.cancel()
+        watch.cancel()
+
+
+def _checked(work: Work, function: Callable[[float], T]) -> Callable[[float], T]:
+    """Return what calls `function` if the work is still wanted."""
+
+    def check_and_call(waited_ms: float) -> T:
+        work.stop.check()
+        return function(waited_ms)
+
+    return check_and_call

@@ -77,6 +77,8 @@ class Limits(WireModel):
     max_body_bytes: int
     max_log_bytes: int
     max_log_samples: int
+    max_batch_body_bytes: int
+    max_problems: int
     max_candidates: int
     max_targets: int
     max_pending_controls: int

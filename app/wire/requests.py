@@ -69,18 +69,32 @@ def _machine_by_name(value: Any) -> Any:
     return MACHINES[value].system
 
 
+Seed: TypeAlias = Annotated[int, Field(ge=0, le=MAX_SEED)]
+SystemField: TypeAlias = Annotated[
+    System | None,
+    BeforeValidator(_machine_by_name, json_schema_input_type=MachineName | System | None),
+]
+
+
 class Initial(Asked):
     """Where an optimiser starts: the candidates of another method are its first population."""
 
     method: MethodField
 
 
-class _Request(Asked):
-    initial_state: State = Field(
+InitialState: TypeAlias = Annotated[
+    State,
+    Field(
         description="Position (m) and velocity (m/s) now: before the pending controls, if there "
         "are any.",
         examples=[[0.0, 0.0]],
-    )
+    ),
+]
+
+
+class Shared(Asked):
+    """How to plan, whatever the problem."""
+
     pending_controls: Annotated[list[Number], ARRAY] = Field(
         [],
         description="Controls that are on their way to the actuator already, oldest first, in "
@@ -96,13 +110,10 @@ class _Request(Asked):
     num_candidates: Annotated[int, Field(ge=1)] = Field(
         16, description="K: candidates that are rolled out and ranked."
     )
-    seed: Annotated[int, Field(ge=0, le=MAX_SEED)] | None = Field(
+    seed: Seed | None = Field(
         None, description="Decides every random draw; without one the answer says which was drawn."
     )
-    system: Annotated[
-        System | None,
-        BeforeValidator(_machine_by_name, json_schema_input_type=MachineName | System | None),
-    ] = Field(
+    system: SystemField = Field(
         None,
         description="The plant, where it is not the nominal one (or the named model's): its "
         "parameters, or the name of a machine (see /machines).",
@@ -183,9 +194,10 @@ class _Request(Asked):
         )
 
 
-class PlanRequest(_Request):
+class PlanRequest(Shared):
     """One plan, from a start to a target."""
 
+    initial_state: InitialState
     target_state: State
 
     model_config = ConfigDict(
@@ -208,9 +220,10 @@ class PlanRequest(_Request):
     )
 
 
-class MultistepPlanRequest(_Request):
+class MultistepPlanRequest(Shared):
     """Plans to several targets, one after the other."""
 
+    initial_state: InitialState
     targets: Annotated[list[State], ARRAY] = Field(min_length=1, max_length=MAX_TARGETS)
 
     model_config = ConfigDict(

@@ -19,7 +19,10 @@ def generated(client: httpx.Client, tmp_path_factory: pytest.TempPathFactory) ->
     """Import modules of a client that was generated without a single warning."""
     folder = tmp_path_factory.mktemp("generated")
     # Nothing is done to the code afterwards: the generator looks for ruff on the PATH.
-    (folder / "config.yml").write_text("post_hooks: []")
+    # Lines of JSON are text to it.
+    (folder / "config.yml").write_text(
+        "post_hooks: []\ncontent_type_overrides: {application/x-ndjson: text/plain}"
+    )
     generate(str(client.base_url.join("/openapi.json")), folder)
     sys.path.insert(0, str(folder))
     yield lambda module: import_module(f"{PACKAGE}.{module}" if module else PACKAGE)

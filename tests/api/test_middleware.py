@@ -154,7 +154,7 @@ def test_a_slow_body_is_documented(client: httpx.Client) -> None:
     for path, operations in document["paths"].items():
         for operation in operations.values():
             assert ("408" in operation["responses"]) == (
-                path in ("/plan", "/plan_multistep", "/identify")
+                path in ("/plan", "/plan_multistep", "/plan_batch", "/identify")
             )
             assert "401" not in operation["responses"]
 

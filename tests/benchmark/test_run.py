@@ -6,7 +6,17 @@ from types import ModuleType
 import pytest
 from markdown_it import MarkdownIt
 
-from app.benchmark import concurrency, network, planning, quick_plans, run, sampling, service
+from app.benchmark import (
+    batches,
+    concurrency,
+    network,
+    planning,
+    quick_plans,
+    requests,
+    run,
+    sampling,
+    service,
+)
 from app.settings import SHIPPED_MODELS
 
 SIZES: dict[ModuleType, dict[str, object]] = {
@@ -15,6 +25,8 @@ SIZES: dict[ModuleType, dict[str, object]] = {
     planning: {"PAIRS": 1, "TASKS": 20},
     quick_plans: {"SEQUENCES": 1},
     service: {"PAIRS": 1, "CALLS": 1},
+    requests: {"ROUNDS": 1, "CALLS": 1, "REQUESTS_EACH": 1},
+    batches: {"SINGLE": 2, "MANY": 4, "PAIRS": 1, "CLIENTS": 2},
     concurrency: {"SMALL_REQUESTS": 1, "CLIENTS": 2, "REQUESTS_EACH": 1},
 }
 
@@ -40,9 +52,10 @@ def test_the_page_has_a_section_for_each_benchmark_with_lists_and_tables() -> No
         "Planning",
         "The service",
         "Many requests at once",
+        "Many problems in one request",
     ]
     kinds = [token.type for token in tokens]
     assert kinds.count("table_open") == 2
-    assert kinds.count("bullet_list_open") == 4
+    assert kinds.count("bullet_list_open") == 5
     # Nothing stands in a paragraph of its own but the line that says what was measured.
     assert len([t for t in tokens if t.type == "paragraph_open" and t.level == 0]) == 1

@@ -115,7 +115,7 @@ def controls(
     proposal = engine.bind(model, Job(2 * rows * steps))
     options = ActionDiffusion(sampler=solver, steps=steps, guidance_scale=guidance_scale)
     sampler = options.settled(model.manifest.samplers)
-    return proposal.sample(problem, noise(rows, seed), sampler).controls
+    return proposal.begin(problem, noise(rows, seed), sampler)().controls
 
 
 def stepped(model: Model, answers: int = 0) -> tuple[Model, Stepped]:
@@ -524,7 +524,7 @@ def test_a_horizon_that_the_model_was_not_trained_for_is_refused(
     problem = Problem(np.zeros(2), np.zeros(2), horizon=32)
 
     with pytest.raises(ValueError, match="another plant or horizon"):
-        engine.bind(first, Job(0)).sample(problem, noise()[:, :32], PAPER_SAMPLER)
+        engine.bind(first, Job(0)).begin(problem, noise()[:, :32], PAPER_SAMPLER)
 
 
 @pytest.mark.parametrize(("solver", "available"), [("ddim", 20), ("dpm_solver", 10)])
@@ -568,7 +568,7 @@ def test_a_request_waits_until_its_first_batch_and_no_longer(
 
     with ThreadPoolExecutor(max_workers=1) as threads:
         proposal = engine.bind(model, Job(asked.rows))
-        running = threads.submit(proposal.sample, asked.problem, asked.noise, asked.sampler)
+        running = threads.submit(proposal.begin(asked.problem, asked.noise, asked.sampler))
         network.wait_until_asked(1)
         now = 7.0
         behind = submit(engine, model, asked)

@@ -11,7 +11,7 @@ import pytest
 from app.launch import START_SECONDS
 from app.planning.arrays import FloatArray
 from app.planning.methods import METHODS, ActionDiffusion, AnyMethod, Learned
-from app.planning.methods.base import Method
+from app.planning.methods.base import Finish, Method
 from app.planning.methods.optimiser import Optimiser
 from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler
 from app.planning.problem import Candidates, Cost, Problem
@@ -21,8 +21,8 @@ from app.planning.stop import NEVER, Stop, Stopped
 class NoiseAsControls:
     """A learned proposal that needs no network: the noise is the plan, often beyond the limit."""
 
-    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
-        return Candidates(noise, queue_ms=2.5)
+    def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
+        return lambda: Candidates(noise, queue_ms=2.5)
 
 
 LEARNED = Learned(ActionDiffusion().settled(PAPER_MODEL_SAMPLERS), NoiseAsControls())

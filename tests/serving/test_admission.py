@@ -249,3 +249,34 @@ def test_one_odd_measurement_hardly_changes_a_rate() -> None:
     rates.add_tick(Tick(MODEL, rows=10, seconds=0.05, is_crowded=False))
     expected = (MEMORY * PRIOR_ROWS * 1e-3 + 0.05) / (MEMORY * PRIOR_ROWS + 10)
     assert rates.seconds_of_rows(MODEL, 1, is_crowded=False) == pytest.approx(expected)
+
+
+def batch(takes: float, seconds: float = 60) -> Work:
+    return replace(computing(takes, seconds), is_batch=True)
+
+
+def test_a_batch_waits_behind_long_plans_and_no_long_plan_behind_it(stack: ExitStack) -> None:
+    admits = admission()
+    admit(stack, admits, batch(20))
+    admit(stack, admits, computing(1, seconds=1.2))
+    with pytest.raises(Refused):
+        admit(stack, admits, batch(1, seconds=1.5))
+    admit(stack, admits, batch(1, seconds=4.2))
+
+
+def test_who_would_make_a_batch_late_is_refused_unless_its_own_client_keeps_it(
+    stack: ExitStack,
+) -> None:
+    admits = admission()
+    promised = admit(stack, admits, batch(2, seconds=2.1))
+    with pytest.raises(Refused, match="another"):
+        admit(stack, admits, computing(1))
+    promised.is_held_up = True
+    admit(stack, admits, computing(1))
+
+
+def test_a_batch_that_would_make_others_late_is_refused(stack: ExitStack) -> None:
+    admits = admission()
+    admit(stack, admits, sampling(2000, seconds=2.1))
+    with pytest.raises(Refused, match="another"):
+        admit(stack, admits, replace(sampling(1500), is_batch=True))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from app.inference.job import Job
 from app.inference.sampling import Sampling
 from app.inference.shares import half_least_half_urgent
-from app.serving.forecast import finish_times, queue_times
+from app.serving.forecast import finish_times, queue_times, turn_times
 
 BUDGET = 64
 
@@ -74,3 +74,43 @@ def test_a_queue_is_served_in_order_by_whoever_is_free() -> None:
 def test_the_last_is_done_when_all_the_work_is(work: list[float]) -> None:
     assert max(finish_times(work)) == pytest.approx(sum(work))
     assert queue_times(work, 1)[-1] == pytest.approx(sum(work))
+
+
+def turns_taken(work: list[int], first: list[int], servers: int) -> list[int]:
+    """Let everybody take turns of one unit behind `first`; return when each is done."""
+    left, waiting = list(work), sorted(first, reverse=True)
+    finished, now, turn = [0] * len(work), 0, 0
+    busy: list[int] = []
+    while any(left) or waiting or busy:
+        while len(busy) < servers and waiting:
+            busy.append(waiting.pop(0))
+        free = servers - len(busy)
+        for _ in range(free):
+            if not any(left):
+                break
+            while not left[turn % len(left)]:
+                turn += 1
+            left[turn % len(left)] -= 1
+            turn += 1
+        now += 1
+        busy = [seconds - 1 for seconds in busy if seconds > 1]
+        for i, units in enumerate(left):
+            if not units and not finished[i]:
+                finished[i] = now
+    return finished
+
+
+@given(
+    st.lists(st.integers(1, 20), min_size=1, max_size=5),
+    st.lists(st.integers(1, 20), max_size=4),
+    st.integers(1, 3),
+)
+def test_who_takes_turns_is_done_no_later_than_forecast(
+    work: list[int], first: list[int], servers: int
+) -> None:
+    forecast = turn_times(work, first, servers)
+    actual = turns_taken(work, first, servers)
+    # A turn is not infinitely short: there is one of each before one's own.
+    assert all(a <= f + len(work) + 1 for a, f in zip(actual, forecast, strict=True))
+    alone = turn_times([10], [], 1)
+    assert alone == [10]

@@ -4,6 +4,8 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
+from contextlib import aclosing
+from dataclasses import replace
 from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, TypeVar, cast
@@ -238,4 +240,106 @@ def test_what_is_refused_is_not_begun() -> None:
 
     asyncio.run(scenario())
     assert not begun
+    service.assert_idle()
+
+
+def a_batch() -> Work:
+    return replace(long_one(), is_batch=True)
+
+
+async def taken(
+    service: Service, work: Work, count: int, function: Callable[[int, float], T], at_once: int = 2
+) -> list[tuple[int, T]]:
+    """Have that many parts done, and take all of them."""
+    work.deadline = perf_counter() + START_SECONDS
+    parts = service.workers.run_parts(work, iter(range(count)), function, at_once, never)
+    async with aclosing(parts):
+        return [result async for result in parts]
+
+
+@pytest.mark.parametrize("make", [a_batch, with_network])
+def test_every_part_is_done_once(make: Callable[[], Work]) -> None:
+    service = Service(2)
+    done = asyncio.run(taken(service, make(), 9, lambda part, waited_ms: (10 * part, waited_ms)))
+    assert sorted((part, result) for part, (result, _) in done) == [(i, 10 * i) for i in range(9)]
+    assert all(waited_ms >= 0 for _, (_, waited_ms) in done)
+    service.assert_idle()
+
+
+def test_no_more_parts_are_begun_than_are_taken() -> None:
+    service, begun = Service(2), list[int]()
+
+    def do(part: int, _: float) -> None:
+        begun.append(part)
+
+    async def scenario() -> None:
+        work = a_batch()
+        work.deadline = perf_counter() + START_SECONDS
+        parts = service.workers.run_parts(work, iter(range(100)), do, 3, never)
+        async with aclosing(parts):
+            for number in range(1, 6):
+                await anext(parts)
+                await asyncio.sleep(0.02)  # whoever takes them is slow
+                assert len(begun) <= 3 + number - 1
+
+    asyncio.run(scenario())
+    assert len(begun) < 10
+    service.assert_idle()
+
+
+def test_a_long_plan_comes_in_between_parts() -> None:
+    service, order = Service(1), list[str]()
+
+    def do(name: str) -> None:
+        order.append(name)
+        time.sleep(0.01)
+
+    async def scenario() -> None:
+        batch = asyncio.create_task(taken(service, a_batch(), 20, lambda *_: do("part")))
+        await asyncio.sleep(0.03)
+        await service.run(long_one(), lambda _: do("plan"))
+        await batch
+
+    asyncio.run(scenario())
+    assert order.count("part") == 20
+    assert "part" in order[order.index("plan") :]
+
+
+def test_past_the_deadline_parts_are_done_at_once_and_can_say_so(gate: threading.Event) -> None:
+    service, work = Service(1), a_batch()
+
+    def do(_: int, __: float) -> str:
+        try:
+            work.stop.check()
+        except DeadlineExceeded:
+            return "late"
+        return "done"
+
+    async def scenario() -> list[str]:
+        holding = asyncio.create_task(service.run(long_one(), lambda _: gate.wait(START_SECONDS)))
+        await asyncio.sleep(0.01)
+        work.deadline = perf_counter() + 0.2
+        parts = service.workers.run_parts(work, iter(range(5)), do, 2, never)
+        async with aclosing(parts):
+            said = [result async for _, result in parts]
+        gate.set()
+        await holding
+        return said
+
+    assert asyncio.run(scenario()) == ["late"] * 5
+    service.assert_idle()
+
+
+def test_a_client_that_leaves_ends_the_parts() -> None:
+    service, work = Service(1), a_batch()
+
+    async def scenario() -> None:
+        work.deadline = perf_counter() + START_SECONDS
+        do = until_stopped(work.stop)
+        parts = service.workers.run_parts(work, iter(range(5)), lambda _, w: do(w), 2, soon)
+        async with aclosing(parts):
+            with pytest.raises(ClientGone):
+                await anext(parts)
+
+    asyncio.run(scenario())
     service.assert_idle()

@@ -1,5 +1,6 @@
 """Action Diffusion (paper, Sect. 3): candidates from the learned p_theta(u | x0, x*)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
@@ -77,8 +78,23 @@ class Learned:
         stop: Stop = NEVER,
     ) -> Candidates:
         """Denoise (K, H) standard normal draws of `rng` into controls."""
-        noise = rng.standard_normal((num_candidates, problem.horizon))
-        return self.proposal.sample(problem, noise, self.sampler)
+        return self.propose_many([problem], num_candidates, [rng], stop)[0]
+
+    def propose_many(
+        self,
+        problems: Sequence[Problem],
+        num_candidates: int,
+        rngs: Sequence[np.random.Generator],
+        stop: Stop = NEVER,
+    ) -> list[Candidates]:
+        """Do the same for several problems, whose rows go through the network together."""
+        begun = [
+            self.proposal.begin(
+                problem, rng.standard_normal((num_candidates, problem.horizon)), self.sampler
+            )
+            for problem, rng in zip(problems, rngs, strict=True)
+        ]
+        return [finish() for finish in begun]
 
     def cost(self, num_candidates: int) -> Cost:
         """The sampler's."""

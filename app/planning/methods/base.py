@@ -1,6 +1,7 @@
 """What a planning method is, and what a learned proposal offers to one."""
 
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
@@ -39,13 +40,52 @@ class Method(MethodOptions, Protocol):
         ...
 
 
+@runtime_checkable
+class Concurrent(Protocol):
+    """A method that gains from proposing for several problems at once."""
+
+    def propose_many(
+        self,
+        problems: Sequence[Problem],
+        num_candidates: int,
+        rngs: Sequence[np.random.Generator],
+        stop: Stop = NEVER,
+    ) -> list[Candidates]:
+        """Return for each problem, with its own generator, what `Method.propose` returns."""
+        ...
+
+
+def propose_many(
+    method: Method,
+    problems: Sequence[Problem],
+    num_candidates: int,
+    rngs: Sequence[np.random.Generator],
+    stop: Stop = NEVER,
+) -> list[Candidates]:
+    """Propose for each problem: all at once where the method can, or one after the other.
+
+    Raises:
+        Stopped: `stop` said so.
+    """
+    if isinstance(method, Concurrent):
+        return method.propose_many(problems, num_candidates, rngs, stop)
+    return [
+        method.propose(problem, num_candidates, rng, stop)
+        for problem, rng in zip(problems, rngs, strict=True)
+    ]
+
+
 class InvalidStepCount(ValueError):
     """The number of steps does not fit the number of diffusion times."""
+
+
+Finish: TypeAlias = Callable[[], Candidates]
+"""Waits for what was begun, and returns it."""
 
 
 class LearnedProposal(Protocol):
     """A generative model of control sequences, p_theta(u | x0, x*) (paper, Eq. 1)."""
 
-    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
-        """Turn standard normal `noise` (K, H) into control sequences (K, H) for `problem`."""
+    def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
+        """Begin to turn standard normal `noise` (K, H) into controls (K, H) for `problem`."""
         ...

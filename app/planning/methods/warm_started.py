@@ -1,11 +1,12 @@
 """Warm starts: any optimiser, begun from what another method proposes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from app.planning.methods.base import Method, MethodOptions, Named
+from app.planning.methods.base import Method, MethodOptions, Named, propose_many
 from app.planning.methods.optimiser import Optimiser
 from app.planning.problem import Candidates, Cost, PlanningError, Problem
 from app.planning.stop import NEVER, Stop
@@ -38,7 +39,30 @@ class WarmStarted(Generic[Initial_co]):
             PlanningError: the initial method proposed controls that are not finite.
             ValueError: it proposed another shape.
         """
-        initial = self.initial.propose(problem, num_candidates, rng, stop)
+        return self.propose_many([problem], num_candidates, [rng], stop)[0]
+
+    def propose_many(
+        self: "WarmStarted[Method]",
+        problems: Sequence[Problem],
+        num_candidates: int,
+        rngs: Sequence[np.random.Generator],
+        stop: Stop = NEVER,
+    ) -> list[Candidates]:
+        """Do the same for several problems; errors as for `propose`."""
+        first = propose_many(self.initial, problems, num_candidates, rngs, stop)
+        return [
+            self._improved(problem, initial, num_candidates, rng, stop)
+            for problem, initial, rng in zip(problems, first, rngs, strict=True)
+        ]
+
+    def _improved(
+        self: "WarmStarted[Method]",
+        problem: Problem,
+        initial: Candidates,
+        num_candidates: int,
+        rng: np.random.Generator,
+        stop: Stop,
+    ) -> Candidates:
         if not np.all(np.isfinite(initial.controls)):
             raise PlanningError(f"{self.initial.name} proposed controls that are not finite")
         plant = problem.system.plant

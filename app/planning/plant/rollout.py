@@ -57,6 +57,18 @@ def rollout_on(plant: Plant, initial_states: FloatArray, controls: FloatArray) -
     )
 
 
+def rollout_many(plant: Plant, initial_states: FloatArray, controls: FloatArray) -> FloatArray:
+    """Roll `controls` (N, K, H) out, K sequences from each of the states (N, 2).
+
+    Returns:
+        States (N, K, H+1, 2), the initial ones first.
+    """
+    num_problems, num_candidates, horizon = controls.shape
+    starts = np.repeat(initial_states, num_candidates, axis=0)
+    states = rollout_on(plant, starts, controls.reshape(-1, horizon))
+    return states.reshape(num_problems, num_candidates, horizon + 1, 2)
+
+
 @compiled
 def are_stuck(velocities: FloatArray, controls: FloatArray, plant: Plant) -> BoolArray:
     """Return which steps from `velocities` (N,) under `controls` (N,) count as stuck, (N,)."""

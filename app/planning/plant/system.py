@@ -1,6 +1,7 @@
 """The plant's parameters, as a user gives them and as the kernels take them."""
 
 from dataclasses import KW_ONLY, dataclass
+from functools import lru_cache
 from typing import Annotated, NamedTuple, TypeAlias
 
 from annotated_types import Ge, Le
@@ -124,31 +125,37 @@ class System(Options):
     @property
     def plant(self) -> Plant:
         """The parameters as the kernels take them."""
-        static_forward, static_backward = _both_ways(self.static_friction)
-        coulomb_forward, coulomb_backward = _both_ways(self.coulomb_friction)
-        weakens = self.stribeck_velocity is not None
-        damping_forward, damping_backward = _both_ways(self.viscous_damping)
-        if isinstance(self.control_limit, ControlLimits):
-            lowest, highest = self.control_limit.lower, self.control_limit.upper
-        else:
-            lowest, highest = -self.control_limit, self.control_limit
-        return Plant(
-            static_forward=static_forward,
-            static_backward=static_backward,
-            coulomb_forward=coulomb_forward,
-            coulomb_backward=coulomb_backward,
-            damping_forward=damping_forward,
-            damping_backward=damping_backward,
-            breakaway_forward=static_forward if weakens else coulomb_forward,
-            breakaway_backward=static_backward if weakens else coulomb_backward,
-            stribeck_velocity=float(self.stribeck_velocity or 0.0),
-            bias=float(self.bias),
-            control_gain=float(self.control_gain),
-            lowest_control=float(lowest),
-            highest_control=float(highest),
-            time_step=float(self.time_step),
-            velocity_threshold=float(self.velocity_threshold),
-        )
+        return _plant_of(self)
+
+
+@lru_cache(maxsize=1024)
+def _plant_of(system: System) -> Plant:
+    """Return what the kernels take, which is asked for several times a plan."""
+    static_forward, static_backward = _both_ways(system.static_friction)
+    coulomb_forward, coulomb_backward = _both_ways(system.coulomb_friction)
+    weakens = system.stribeck_velocity is not None
+    damping_forward, damping_backward = _both_ways(system.viscous_damping)
+    if isinstance(system.control_limit, ControlLimits):
+        lowest, highest = system.control_limit.lower, system.control_limit.upper
+    else:
+        lowest, highest = -system.control_limit, system.control_limit
+    return Plant(
+        static_forward=static_forward,
+        static_backward=static_backward,
+        coulomb_forward=coulomb_forward,
+        coulomb_backward=coulomb_backward,
+        damping_forward=damping_forward,
+        damping_backward=damping_backward,
+        breakaway_forward=static_forward if weakens else coulomb_forward,
+        breakaway_backward=static_backward if weakens else coulomb_backward,
+        stribeck_velocity=float(system.stribeck_velocity or 0.0),
+        bias=float(system.bias),
+        control_gain=float(system.control_gain),
+        lowest_control=float(lowest),
+        highest_control=float(highest),
+        time_step=float(system.time_step),
+        velocity_threshold=float(system.velocity_threshold),
+    )
 
 
 def _both_ways(friction: float | ByDirection) -> tuple[float, float]:

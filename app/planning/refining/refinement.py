@@ -114,9 +114,9 @@ def refine(
     Raises:
         Stopped: `stop` said so.
     """
-    plant = problem.system.plant
     task, iterations = problem.task, options.iterations
-    refined = np.clip(controls, plant.lowest_control, plant.highest_control, dtype=np.float64)
+    lowest, highest = task.plant.lowest_control, task.plant.highest_control
+    refined = np.clip(controls, lowest, highest, dtype=np.float64)
     replaced = np.zeros(len(refined), dtype=np.bool_)
     num_refined = min(options.num_refined or len(refined), len(refined))
     one_is_enough = objective is TERMINAL_ERROR
@@ -133,13 +133,13 @@ def refine(
             if error < errors[worst]:
                 refined[worst], errors[worst] = traced, error
                 replaced[worst] = True
-    arrived = np.flatnonzero(errors <= errors.min() + TOLERANCE)
     if objective.sum_of_squares:
         differences = objective.sum_of_squares == "differences"
-        for i in arrived:
+        for i in np.flatnonzero(errors <= errors.min() + TOLERANCE):
             errors[i], spent = descend(refined[i], task, differences, iterations, stop.flag)
             rollouts += spent
     elif objective is STUCK_STEPS:
+        arrived = np.flatnonzero(errors <= errors.min() + TOLERANCE)
         refined[arrived], errors[arrived] = wait_at_the_end(problem, refined[arrived])
         rollouts += WAITING_ROLLOUTS * len(arrived)
     stop.check()

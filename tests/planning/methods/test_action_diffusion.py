@@ -8,6 +8,7 @@ import pytest
 
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion, Learned
+from app.planning.methods.base import Finish
 from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Sampler, Samplers, SamplerSettings
 from app.planning.problem import Candidates, Cost, Problem
 
@@ -23,9 +24,9 @@ OTHER_SAMPLERS = Samplers(
 class Recorder:
     calls: list[tuple[Problem, FloatArray, Sampler]] = field(default_factory=list)
 
-    def sample(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Candidates:
+    def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
         self.calls.append((problem, noise, sampler))
-        return Candidates(0.1 * noise, queue_ms=1.0)
+        return lambda: Candidates(0.1 * noise, queue_ms=1.0)
 
 
 def test_the_sampler_and_standard_normal_noise_reach_the_model() -> None:

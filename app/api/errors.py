@@ -1,5 +1,6 @@
 """Errors as RFC 9457 problem+json: what can go wrong, and how each is told to the client."""
 
+import logging
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import NamedTuple
@@ -32,6 +33,8 @@ from app.wire.problems import FieldError, ProblemDetails
 class MalformedHttp(HTTPException):
     """What a connection brought is not HTTP as we know it."""
 
+
+log = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"
@@ -138,6 +141,16 @@ async def answer_malformed_http(request: Request, error: Exception) -> Response:
         title="Malformed HTTP",
         headers={"Connection": "close"},
     )
+
+
+async def tell(request: Request, error: Exception) -> Response:
+    """Return what answers an error of planning; for where an answer has begun already."""
+    if any(kind in FIELDS for kind in type(error).__mro__):
+        return await _invalid_field(request, error)
+    if any(kind in ANSWERS for kind in type(error).__mro__):
+        return await _answer(request, error)
+    log.error("an error while a plan was streamed", exc_info=error)
+    return await _unexpected(request, error)
 
 
 async def _answer(request: Request, error: Exception) -> Response:

@@ -1,7 +1,7 @@
 """The routes: each reads a request, hands it on, and answers."""
 
 import platform
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
@@ -14,7 +14,8 @@ from fastapi.responses import PlainTextResponse, Response
 from llvmlite.binding import get_host_cpu_name
 
 from app.api.body import JsonRoute
-from app.api.errors import MEDIA_TYPE
+from app.api.errors import MEDIA_TYPE, tell
+from app.api.events import EVENT_STREAM, accepts_events, as_event, json_event, stream
 from app.api.sending import AnswerResponse, Body, accepts_gzip, make_body
 from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model import Model
@@ -92,6 +93,11 @@ PLAN_PROBLEMS = _problems(
 )
 
 
+EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {"content": {EVENT_STREAM: {"schema": {"type": "string"}}}}
+}
+
+
 async def until_sent() -> AsyncIterator[ExitStack]:
     """What is entered here ends when the answer is sent, or will not be."""
     with ExitStack() as stack:
@@ -117,7 +123,7 @@ async def plan(
 @router.post(
     "/plan_multistep",
     response_model=MultistepPlanResponse,
-    responses=PLAN_PROBLEMS,
+    responses=PLAN_PROBLEMS | EVENTS,
     tags=["planning"],
 )
 async def plan_multistep(
@@ -127,8 +133,14 @@ async def plan_multistep(
     runtime: RuntimeDependency,
     until_sent: UntilSent,
 ) -> Response:
-    """Plan to several targets, each from the state that the plan before it reached."""
+    """Plan to several targets, each from the state that the plan before it reached.
+
+    With `Accept: text/event-stream` the answer is events: `segment` for each as soon as it is
+    planned, then `plan` with the whole; or `problem`, where something goes wrong after the first.
+    """
     resolved = service.resolve(body, request.state.arrived)
+    if accepts_events(request.headers):
+        return await _stream(request, runtime, service, resolved, until_sent)
     return await _answer(request, runtime, service, resolved, until_sent)
 
 
@@ -141,14 +153,7 @@ async def _answer(
 ) -> Response:
     """Have it planned in a thread, within its deadline and while the client waits."""
     work = resolved.work
-    request.state.log_fields |= {
-        "method": resolved.recipe.method.name,
-        "num_candidates": resolved.request.num_candidates,
-        "num_targets": resolved.num_targets,
-        "seed": resolved.seed,
-    }
-    if work.model:
-        request.state.log_fields["model"] = work.model.label
+    _log_resolved(request, resolved)
     is_gzip_accepted = accepts_gzip(",".join(request.headers.getlist("Accept-Encoding")))
 
     def answer(waited_ms: float) -> tuple[Body, dict[str, float]]:
@@ -162,6 +167,49 @@ async def _answer(
     request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
     header = ", ".join(f"{stage};dur={ms}" for stage, ms in timing.items())
     return AnswerResponse(body, {"Server-Timing": header})
+
+
+async def _stream(
+    request: Request,
+    runtime: Runtime,
+    service: PlanningService,
+    resolved: ResolvedRequest[Any],
+    until_sent: ExitStack,
+) -> Response:
+    """Do as `_answer` does, with an event for each segment as soon as it is planned."""
+    work = resolved.work
+    _log_resolved(request, resolved)
+    work.answer_bytes *= 2  # the segments, and once more in the whole
+    until_sent.enter_context(runtime.admission.answering(work))
+
+    async def run(put: Callable[[bytes], None]) -> bytes:
+        def answer(waited_ms: float) -> tuple[bytes, dict[str, float]]:
+            result = service.answer(
+                resolved, waited_ms, lambda segment: put(json_event("segment", segment))
+            )
+            return json_event("plan", result), result["timing_ms"]
+
+        event, timing = await runtime.workers.run(work, answer, partial(_hung_up, request))
+        request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
+        return event
+
+    async def problem(error: Exception) -> bytes:
+        told = await tell(request, error)
+        return as_event("problem", bytes(told.body))
+
+    return await stream(run, problem)
+
+
+def _log_resolved(request: Request, resolved: ResolvedRequest[Any]) -> None:
+    fields = request.state.log_fields
+    fields |= {
+        "method": resolved.recipe.method.name,
+        "num_candidates": resolved.request.num_candidates,
+        "num_targets": resolved.num_targets,
+        "seed": resolved.seed,
+    }
+    if resolved.work.model:
+        fields["model"] = resolved.work.model.label
 
 
 async def _hung_up(request: Request) -> None:

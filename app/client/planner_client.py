@@ -6,7 +6,7 @@ gets one here, so that another attempt asks for the same plan.
 """
 
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -14,8 +14,9 @@ import httpx
 from httpx_retries import Retry, RetryTransport
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from app.client.events import Event, events_of
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
-from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.answers import MultistepPlanResponse, PlanResponse, Segment
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
 
@@ -23,6 +24,8 @@ PATIENCE_SECONDS = 300.0
 LONGEST_WAIT_SECONDS = 10.0
 TIMEOUT = httpx.Timeout(600.0, connect=LONGEST_WAIT_SECONDS)
 MOST_RETRIES = 1000
+EVENT_STREAM = "text/event-stream"
+AS_EVENTS = {"Accept": EVENT_STREAM}
 
 Answer = TypeVar("Answer", bound=BaseModel)
 MODELS = TypeAdapter(list[ModelDescription], config=ConfigDict(defer_build=True))
@@ -76,6 +79,20 @@ class PlannerClient:
         """Ask `POST /plan_multistep`; errors as for `plan`."""
         response = self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    def stream_multistep(
+        self, request: MultistepPlanRequest
+    ) -> Iterator[Segment | MultistepPlanResponse]:
+        """Ask `POST /plan_multistep`; yield each segment as it comes, at last the whole plan.
+
+        Errors as for `plan`; what breaks off after the first segment is not asked for again.
+        """
+        with self._http.stream(
+            "POST", "/plan_multistep", json=_body(request), headers=AS_EVENTS
+        ) as response:
+            if not response.is_success:
+                response.read()
+            yield from map(_read_event, events_of(_accepted(response).iter_lines()))
 
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
@@ -140,6 +157,23 @@ class AsyncPlannerClient:
         """Ask `POST /plan_multistep`; errors as for `PlannerClient.plan`."""
         response = await self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    async def stream_multistep(
+        self, request: MultistepPlanRequest
+    ) -> AsyncIterator[Segment | MultistepPlanResponse]:
+        """Ask `POST /plan_multistep`, as `PlannerClient.stream_multistep` does."""
+        async with self._http.stream(
+            "POST", "/plan_multistep", json=_body(request), headers=AS_EVENTS
+        ) as response:
+            if not response.is_success:
+                await response.aread()
+            lines = _accepted(response).aiter_lines()
+            event: list[str] = []
+            async for line in lines:
+                event.append(line)
+                if not line:
+                    yield _read_event(next(events_of(event)))
+                    event.clear()
 
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
@@ -213,11 +247,17 @@ def _retrying(
 
 def _read_whole(response: httpx.Response) -> None:
     """Read the body while a connection that breaks off still leads to another attempt."""
-    response.read()
+    if not _has_events(response):
+        response.read()
 
 
 async def _read_whole_async(response: httpx.Response) -> None:
-    await response.aread()
+    if not _has_events(response):
+        await response.aread()
+
+
+def _has_events(response: httpx.Response) -> bool:
+    return bool(response.headers.get("content-type", "").startswith(EVENT_STREAM))
 
 
 def _accepted(response: httpx.Response) -> httpx.Response:
@@ -238,3 +278,10 @@ def _accepted(response: httpx.Response) -> httpx.Response:
 
 def _read(kind: type[Answer], response: httpx.Response) -> Answer:
     return kind.model_validate_json(_accepted(response).content)
+
+
+def _read_event(event: Event) -> Segment | MultistepPlanResponse:
+    if event.kind == "problem":
+        raise RequestRefused(ProblemDetails.model_validate_json(event.data))
+    kind = MultistepPlanResponse if event.kind == "plan" else Segment
+    return kind.model_validate_json(event.data)

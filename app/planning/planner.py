@@ -4,19 +4,21 @@ Where the plant is uncertain, refinement and ranking are by the risk over all pl
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.denoising import Denoising
 from app.planning.methods.base import Method
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps, terminal_error
 from app.planning.objectives import best_candidate
 from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
 from app.planning.plant.rollout import rollout
 from app.planning.problem import Cost, PlanningError, Problem, Timing
+from app.planning.reachable.outline import outline
 from app.planning.reachable.reachability import reachability
 from app.planning.recipe import Recipe
 from app.planning.refining.gauss_newton import EXACT
@@ -55,7 +57,7 @@ def plan(
     refined, cost, error_limit = None, recipe.unrefined.cost(), math.inf
     if recipe.refinement:
         refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
-        if uncertainty:
+        if uncertainty and uncertainty.is_robust:
             refined = refine_robustly(problem, refined, uncertainty, rng, stop)
         controls, cost = refined.controls, cost + Cost(rollouts=refined.rollouts)
         error_limit = float(refined.errors_before.min()) + EXACT
@@ -64,13 +66,16 @@ def plan(
     states = rollout(problem.system, problem.initial_state, controls)
     errors = terminal_error(states[:, -1], problem.target_state)
     ranked_by = errors
-    if uncertainty:
+    if uncertainty and uncertainty.is_robust:
         ranked_by, error_limit = uncertainty.risks(controls, problem.target_state), math.inf
     best = best_candidate(problem, controls, states, ranked_by, recipe.objective, error_limit)
     stuck = stuck_steps(states[best], controls[best], problem.target_state[0], problem.system)
     bound = None
     if recipe.reachability:
         bound = (refined and refined.reachability) or reachability(problem, stop)
+    shape = outline(problem, stop) if recipe.outline else None
+    steps = proposal.denoising
+    denoising = None if steps is None else Denoising.of(problem, steps)
     robustness = None
     if uncertainty:
         robustness = judge(problem, controls[best], float(errors[best]), uncertainty)
@@ -81,6 +86,7 @@ def plan(
         states=states[best],
         terminal_error=float(errors[best]),
         reachability=bound,
+        outline=shape,
         control_energy=float(control_energy(controls[best])),
         control_smoothness=float(control_smoothness(controls[best])),
         stuck_steps=int(stuck),
@@ -94,6 +100,7 @@ def plan(
             rollout=(measured - refined_at) * 1e3,
         ),
         candidates=RankedCandidates(controls, states, errors),
+        denoising=denoising,
     )
 
 
@@ -111,6 +118,7 @@ def plan_multistep(
     recipe: Recipe[Method],
     rng: np.random.Generator,
     stop: Stop = NEVER,
+    told: Callable[[Plan], None] = lambda _: None,
 ) -> MultistepPlan:
     """Plan to each of `target_states` in turn, from the state that the plan before it reached.
 
@@ -123,6 +131,7 @@ def plan_multistep(
         recipe: how to plan each segment.
         rng: every random draw comes from it.
         stop: ends the planning early.
+        told: called with each segment as soon as it is planned.
 
     Raises:
         ValueError: no targets.
@@ -134,6 +143,7 @@ def plan_multistep(
     for target_state in target_states:
         segment = replace(problem, initial_state=state, target_state=target_state)
         segments.append(plan(segment, recipe, rng, stop))
+        told(segments[-1])
         state = segments[-1].states[-1]
         if recipe.uncertainty:
             uncertainty = recipe.uncertainty.after(segments[-1].controls)

@@ -4,7 +4,7 @@ Plain blocking code: the routes plan in a thread, the command line calls it as i
 """
 
 import secrets
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
@@ -16,7 +16,7 @@ from app.planning.arrays import FloatArray
 from app.planning.methods import WarmStarted
 from app.planning.methods.base import MethodOptions
 from app.planning.methods.settling import needs_model
-from app.planning.plan import MultistepPlan, Plan
+from app.planning.plan import Plan
 from app.planning.planner import plan, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import (
@@ -27,17 +27,18 @@ from app.planning.problem import (
     as_state,
     state_after,
 )
-from app.planning.reachable.reachability import Reachability
 from app.planning.recipe import Recipe
-from app.planning.uncertainty.robustness import Robustness
+from app.planning.uncertainty.robustness import NUM_SHOWN
+from app.planning.uncertainty.uncertainty import MAX_SYSTEMS, NUM_JUDGES
 from app.serving.admission import Work
+from app.serving.answer_fields import multistep_fields, segment_fields, timing_fields
 from app.serving.ensembles import uncertainty_of
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
 from app.settings import Settings
-from app.wire.answers import MultistepPlanResponse, PlanResponse, ReachabilityReport
-from app.wire.requests import MAX_SEED, Inclusion, MultistepPlanRequest, PlanRequest, State
+from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest, State
 
 if TYPE_CHECKING:
     from app.inference.engine import Engine
@@ -48,6 +49,9 @@ R = TypeVar("R", PlanRequest, MultistepPlanRequest)
 REACHABILITY_STEPS = 60_000
 """The reachable set takes about as long as so many simulated time steps."""
 
+OUTLINE_NUMBERS = 1500
+"""Of the outline of a reachable set, about."""
+MAX_JUDGES = max(NUM_JUDGES, MAX_SYSTEMS)
 BYTES_PER_NUMBER = 21
 """Of an answer's text, about: 17 digits and what goes with them."""
 
@@ -101,28 +105,36 @@ class PlanningService:
             samplers = model.manifest.samplers
         recipe = asked.settled(samplers)
         cost = recipe.cost()
-        self._check_cost(request, cost, horizon, num_targets)
+        stages = _denoising_stages(request, cost)
+        self._check_cost(request, cost, stages, horizon, num_targets)
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
         repairs = recipe.refinement is not None and recipe.refinement.repair
         # Twice as long where a plan is traced back.
-        num_sets = 2 if repairs else int(recipe.reachability)
+        num_sets = (2 if repairs else int(recipe.reachability)) + int(recipe.outline)
+        rollouts = cost.rollouts + stages * recipe.num_candidates
         work = Work(
             recipe.num_candidates * cost.network_evaluations * num_targets,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=model,
             rows_per_step=cost.predictions_per_step * recipe.num_candidates,
-            rollout_steps=(cost.rollouts * horizon + num_sets * REACHABILITY_STEPS) * num_targets,
+            rollout_steps=(rollouts * horizon + num_sets * REACHABILITY_STEPS) * num_targets,
             kind=_kind(recipe),
-            answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
+            answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, stages, horizon) * num_targets,
         )
         return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, work)
 
-    def answer(self, resolved: "ResolvedRequest[Any]", waited_ms: float = 0.0) -> dict[str, Any]:
+    def answer(
+        self,
+        resolved: "ResolvedRequest[Any]",
+        waited_ms: float = 0.0,
+        told: Callable[[dict[str, Any]], None] | None = None,
+    ) -> dict[str, Any]:
         """Plan, and say what came of it.
 
         Args:
             resolved: what to plan.
             waited_ms: how long the request waited before this call, for the answer's timing.
+            told: called with the fields of each `Segment` of several, as soon as it is planned.
 
         Returns:
             The fields of a `PlanResponse` or, for several targets, a `MultistepPlanResponse`, with
@@ -137,22 +149,29 @@ class PlanningService:
         request, model, proposal = resolved.request, resolved.work.model, None
         if model:
             assert self._engine is not None
-            proposal = self._engine.bind(model, resolved.work)
+            keeps_steps = "denoising" in request.include
+            proposal = self._engine.bind(model, resolved.work, keeps_steps=keeps_steps)
         recipe = resolved.recipe.able(proposal)
         if recipe.uncertainty:
             pending = np.array(request.pending_controls)
             recipe = replace(recipe, uncertainty=recipe.uncertainty.after(pending))
         rng = np.random.default_rng(resolved.seed)
         stop = resolved.work.stop
+
+        def tell(segment: Plan) -> None:
+            if told:
+                told(segment_fields(segment, request.include))
+
         if isinstance(request, MultistepPlanRequest):
             targets = [as_state(target) for target in request.targets]
-            plans = plan_multistep(resolved.problem(request.targets[0]), targets, recipe, rng, stop)
-            timing, fields = plans.timing, _multistep_fields(plans, request.include)
+            first = resolved.problem(request.targets[0])
+            plans = plan_multistep(first, targets, recipe, rng, stop, tell)
+            timing, fields = plans.timing, multistep_fields(plans, request.include)
         else:
             single = plan(resolved.problem(request.target_state), recipe, rng, stop)
-            timing, fields = single.timing, _segment_fields(single, request.include)
+            timing, fields = single.timing, segment_fields(single, request.include)
         self._measure(resolved, timing)
-        fields["timing_ms"] = _timing_fields(Timing(queue=waited_ms) + timing)
+        fields["timing_ms"] = timing_fields(Timing(queue=waited_ms) + timing)
         return resolved.provenance() | fields
 
     def plan(self, resolved: "ResolvedRequest[PlanRequest]") -> PlanResponse:
@@ -181,8 +200,8 @@ class PlanningService:
         """Refuse what is too large, whatever it costs."""
         settings = self._settings
         candidate_steps = request.num_candidates * horizon * num_targets
-        numbers_each = 3 if "states" in request.include else 1
-        answer_numbers = candidate_steps * numbers_each if "candidates" in request.include else 0
+        are_sent = "candidates" in request.include
+        answer_numbers = candidate_steps * _numbers_a_step(request) if are_sent else 0
         _check(
             ("/num_candidates", "candidates", request.num_candidates, settings.max_candidates),
             ("/horizon", "time steps", horizon, settings.max_horizon),
@@ -201,7 +220,9 @@ class PlanningService:
             ),
         )
 
-    def _check_cost(self, request: AnyRequest, cost: Cost, horizon: int, num_targets: int) -> None:
+    def _check_cost(
+        self, request: AnyRequest, cost: Cost, stages: int, horizon: int, num_targets: int
+    ) -> None:
         """Refuse what costs too much."""
         settings = self._settings
         _check(
@@ -216,6 +237,12 @@ class PlanningService:
                 "simulated time steps (rollouts x horizon x targets)",
                 cost.rollouts * horizon * num_targets,
                 settings.max_rollout_steps,
+            ),
+            (
+                "/include",
+                "numbers of candidates at all steps of their denoising",
+                stages * request.num_candidates * horizon * _numbers_a_step(request) * num_targets,
+                settings.max_answer_numbers,
             ),
         )
 
@@ -283,78 +310,34 @@ def _kind(recipe: Recipe[MethodOptions]) -> str:
     """Return the kind of plans that take about as long for a simulated time step."""
     if recipe.refinement is None:
         return recipe.method.name
-    if recipe.uncertainty:
+    if recipe.uncertainty and recipe.uncertainty.is_robust:
         return f"{recipe.method.name}, refined for uncertain plants"
     return f"{recipe.method.name}, refined for {recipe.objective.name}"
 
 
-def _answer_numbers(request: AnyRequest, horizon: int) -> int:
-    """Return how many numbers of arrays an answer has for each target."""
+def _denoising_stages(request: AnyRequest, cost: Cost) -> int:
+    """Return how many stages of each candidate's denoising an answer has, the noise included."""
+    if "denoising" not in request.include or not cost.network_evaluations:
+        return 0
+    return 1 + cost.network_evaluations // cost.predictions_per_step
+
+
+def _answer_numbers(request: AnyRequest, stages: int, horizon: int) -> int:
+    """Return how many numbers of arrays an answer has for each target, about."""
+    include = request.include
     own = 2 if isinstance(request, MultistepPlanRequest) else 1  # in the segment, and in all
-    sequences = own + (request.num_candidates if "candidates" in request.include else 0)
-    return sequences * horizon * (3 if "states" in request.include else 1)
+    sequences = own + (request.num_candidates if "candidates" in include else 0)
+    sequences += stages * request.num_candidates
+    numbers = sequences * horizon * _numbers_a_step(request)
+    if "candidate_errors" in include:
+        numbers += request.num_candidates
+    if "reachable_set" in include:
+        numbers += OUTLINE_NUMBERS
+    if "ensemble" in include and request.uncertainty:
+        numbers += MAX_JUDGES + 2 * NUM_SHOWN * (horizon + 1)
+    return numbers
 
 
-def _segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, Any]:
-    """Return the fields of a `Segment`."""
-    candidates = result.candidates
-    with_states = "states" in include
-    return {
-        "controls": result.controls,
-        "states": result.states if with_states else None,
-        "terminal_error": result.terminal_error,
-        "gap": result.gap,
-        "reachability": result.reachability and _reachability_fields(result.reachability),
-        "refinement": result.refinement and asdict(result.refinement),
-        "robustness": result.robustness and _robustness_fields(result.robustness),
-        "control_energy": result.control_energy,
-        "control_smoothness": result.control_smoothness,
-        "stuck_steps": result.stuck_steps,
-        "diversity": candidates.diversity,
-        "cost": _cost_fields(result.cost),
-        "timing_ms": _timing_fields(result.timing),
-        "candidates": {
-            "controls": candidates.controls,
-            "terminal_errors": candidates.terminal_errors,
-            "states": candidates.states if with_states else None,
-        }
-        if "candidates" in include
-        else None,
-    }
-
-
-def _reachability_fields(reachability: Reachability) -> dict[str, Any]:
-    """Return the fields of a `ReachabilityReport`; the domain knows more."""
-    return {name: getattr(reachability, name) for name in ReachabilityReport.model_fields}
-
-
-def _robustness_fields(robustness: Robustness) -> dict[str, Any]:
-    """Return the fields of a `RobustnessReport`, with the risk as it was asked for."""
-    risk = robustness.risk
-    asked_for = {"cvar": risk.level} if risk.name == "cvar" else risk.name
-    return asdict(robustness) | {"risk": asked_for}
-
-
-def _multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> dict[str, Any]:
-    """Return the fields of a `MultistepPlanResponse` that say what was planned."""
-    return {
-        "segments": [_segment_fields(part, include) for part in result.segments],
-        "controls": result.controls,
-        "states": result.states if "states" in include else None,
-        "final_error": result.final_error,
-        "mean_end_error": result.mean_end_error,
-        "mean_end_floor": result.mean_end_floor,
-        "stuck_steps": result.stuck_steps,
-        "cost": _cost_fields(result.cost),
-    }
-
-
-def _cost_fields(cost: Cost) -> dict[str, int]:
-    """Return the fields of a `CostReport`."""
-    return {"network_evaluations": cost.network_evaluations, "rollouts": cost.rollouts}
-
-
-def _timing_fields(timing: Timing) -> dict[str, float]:
-    """Return the fields of a `TimingReport`, to the microsecond: what lies below is noise."""
-    fields = asdict(timing) | {"total": timing.total}
-    return {stage: round(ms, 3) for stage, ms in fields.items()}
+def _numbers_a_step(request: AnyRequest) -> int:
+    """Return how many numbers each time step of a sequence has: its control, and its state."""
+    return 3 if "states" in request.include else 1

@@ -17,6 +17,7 @@ from app.api.errors import install_error_handlers
 from app.api.keys import ApiKeys, read_keys
 from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
+from app.api.playground import add_playground
 from app.api.request_target import RequestTarget
 from app.api.routes import admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
@@ -69,6 +70,7 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
     if settings.admin:
         app.include_router(admin_router)
     add_pages(app)
+    add_playground(app)
     document_middleware(app, settings.public_paths if keys else None)
     return app
 

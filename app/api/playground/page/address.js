@@ -4,7 +4,7 @@
 export const DEFAULTS = {
   tab: "plan",
   start: "0,0",
-  target: "0.2,0",
+  target: "0.6,0",
   machine: "paper",
   method: "action_diffusion",
   k: "16",

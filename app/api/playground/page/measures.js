@@ -26,6 +26,16 @@ export const table = (caption, head, rows) => h("div", { class: "scroll", tabind
     h("thead", {}, h("tr", {}, head.map((cell) => h("th", { scope: "col" }, cell)))),
     h("tbody", {}, rows.map((cells) => h("tr", {}, cells.map((cell, index) => h(index ? "td" : "th", index ? {} : { scope: "row" }, cell)))))));
 
+/** A place for a table, as high as its rows will be. */
+export function reserve(rows) {
+  const place = h("div", { class: "results" });
+  place.style.minHeight = `${64 + 30 * rows}px`;
+  return place;
+}
+
+/** The colour of a line beside its name. */
+export const swatch = (index, name) => h("span", {}, h("i", { class: `swatch series-${index}` }), name);
+
 /** Say what came of a plan, for somebody who sees it for the first time. */
 export function verdict(plan) {
   const { position_unit: unit } = machine();

@@ -5,7 +5,6 @@ import { h, short } from "./dom.js";
 import { timesOf } from "./charts/motion.js";
 
 const NS = "http://www.w3.org/2000/svg";
-const WIDTH = 1000;
 const GROUND = 74;
 const LONGEST_ARROW = 90;
 
@@ -25,11 +24,12 @@ export class Track {
     this.body = svg("g", {}, this.mass, this.arrow);
     this.flags = svg("g", {});
     this.ticks = svg("g", { class: "ticks" });
-    this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} 100`, class: "track", "aria-hidden": "true" },
-      svg("path", { class: "rail", d: `M0 ${GROUND}H${WIDTH}` }), this.ticks, this.flags, this.body);
+    this.picture = svg("svg", { class: "track", "aria-hidden": "true" },
+      svg("path", { class: "rail", d: `M0 ${GROUND}H4000` }), this.ticks, this.flags, this.body);
     this.button = h("button", { type: "button", class: "play", onclick: () => this.toggle() }, "Play");
     this.slider = h("input", { type: "range", min: 0, max: 1, step: 1, value: 0, "aria-label": "Moment of the plan", oninput: () => { this.pause(); this.go(Number(this.slider.value) * this.step); } });
     this.text = h("output", { class: "moment" });
+    new ResizeObserver(() => { if (this.plan) this.draw(); }).observe(this.picture);
     this.element = h("div", { class: "trackbox" }, this.picture, h("div", { class: "transport" }, this.button, this.slider), this.text);
   }
 
@@ -38,17 +38,25 @@ export class Track {
     this.plan = plan;
     this.step = plan.system.time_step;
     this.times = timesOf(plan.states.length, this.step);
-    const [low, high] = positions;
-    this.x = (position) => 40 + ((position - low) / (high - low)) * (WIDTH - 80);
+    Object.assign(this, { targets, positions });
+    this.slider.max = plan.controls.length;
+    this.at = 0;
+    this.draw();
+  }
+
+  /** Draw the track as wide as it is, and the moment on it. */
+  draw() {
+    const { targets, positions: [low, high] } = this;
+    const width = this.picture.clientWidth || 1000;
+    this.x = (position) => 40 + ((position - low) / (high - low)) * (width - 80);
     this.flags.replaceChildren(...targets.map(({ position }) => svg("path", { class: "flag", d: `M${this.x(position)} ${GROUND}v-58l16 8l-16 8` })));
-    const marks = ticksOf(low, high);
+    const marks = ticksOf(low, high, width / 110);
     this.ticks.replaceChildren(...marks.map((value) => svg("path", { d: `M${this.x(value)} ${GROUND}v6` })), ...marks.map((value) => {
       const label = svg("text", { x: this.x(value), y: GROUND + 20 });
       label.textContent = short(value);
       return label;
     }));
-    this.slider.max = plan.controls.length;
-    this.go(0);
+    this.go(this.at);
   }
 
   /** Show the moment at a time. */
@@ -110,8 +118,8 @@ export class Track {
 }
 
 /** Some round values between two others. */
-function ticksOf(low, high) {
-  const raw = (high - low) / 8;
+function ticksOf(low, high, count) {
+  const raw = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
   const step = power * [1, 2, 5, 10].find((factor) => factor * power >= raw);
   const first = Math.ceil(low / step);

@@ -49,7 +49,8 @@ export class Chart {
     this.options = { label, x, y, lines, seek };
     this.area = h("div", { class: `plot ${height}`, role: "img", "aria-label": label });
     this.element = h("figure", { class: "chart" }, h("figcaption", {}, label), this.area);
-    this.content = { x: [0, 1], y: [0, 1], data: [[0, 1], ...lines.map(() => [null, null])], under: [], over: [] };
+    const empty = ({ log }) => (log ? [0.1, 1] : [0, 1]);
+    this.content = { x: empty(x), y: empty(y), data: [empty(x), ...lines.map(() => [null, null])], under: [], over: [] };
     this.playhead = h("div", { class: "playhead hidden" });
     this.isShown = false;
     charts.add(this);
@@ -66,10 +67,17 @@ export class Chart {
 
   /** Put the vertical line of the moment at an x value. */
   mark(x) {
+    this.moment = x;
     if (!this.plot) return;
     const left = this.plot.valToPos(x, "x");
     this.playhead.classList.toggle("hidden", !(left >= 0 && left <= this.plot.over.clientWidth + 1));
     this.playhead.style.transform = `translateX(${left}px)`;
+  }
+
+  /** What lies over the plot is placed once scales and size are settled. */
+  placed() {
+    if (this.moment !== undefined) this.mark(this.moment);
+    this.onplaced?.();
   }
 
   resize() {
@@ -87,8 +95,9 @@ export class Chart {
     const { x, y, lines, seek } = this.options;
     const axis = ({ label, log }, isX) => ({
       stroke: colour("faint-text"), label, labelSize: 18, labelFont: "12px system-ui", font: "12px system-ui",
-      size: isX ? 34 : 52, gap: 4, labelGap: isX ? 0 : 2,
-      grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("grid"), width: 1, size: 4 },
+      size: isX ? 24 : 52, gap: 4, labelGap: isX ? -2 : 2,
+      grid: { stroke: colour("grid"), width: 1, ...(log && { filter: powersOnly }) },
+      ticks: { stroke: colour("grid"), width: 1, size: 4, ...(log && { filter: powersOnly }) },
       values: log ? (u, values) => values.map((value) => (value === null ? "" : powers(value))) : (u, values) => values.map((value) => String(Number(value.toPrecision(6))).replace("-", "−")),
     });
     const layers = (name) => (u) => {
@@ -114,7 +123,7 @@ export class Chart {
         label: line.label, stroke: () => colour(line.colour), width: line.width ?? 2, dash: line.dash,
         points: { show: false }, paths: line.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined, spanGaps: false,
       }))],
-      hooks: { drawAxes: [layers("under")], draw: [layers("over")] },
+      hooks: { drawAxes: [layers("under")], draw: [layers("over"), () => this.placed()] },
     }, this.content.data, this.area);
     this.plot.over.append(this.playhead);
     if (seek) {
@@ -130,8 +139,10 @@ export class Chart {
   }
 }
 
+const isPower = (value) => Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-6;
+const powersOnly = (u, splits) => splits.map((value) => (value !== null && isPower(value) ? value : null));
 const powers = (value) => {
+  if (!isPower(value)) return "";
   const power = Math.round(Math.log10(value));
-  if (Math.abs(Math.log10(value) - power) > 1e-6) return "";
   return power >= -2 && power <= 3 ? String(10 ** power) : `1e${power}`;
 };

@@ -1,7 +1,9 @@
 // A plan over time: position, velocity and control, one under the other.
 
 import { limits, thresholds } from "../controls.js";
+import { h } from "../dom.js";
 import { around, Chart, extent } from "./chart.js";
+import { colour } from "./colours.js";
 import { band, bundle, fan, rug, rule } from "./layers.js";
 
 const POSITION_TOLERANCE = 0.01;
@@ -21,15 +23,15 @@ export function stuckSteps(plan, targetAt) {
 }
 
 export class Motion {
-  constructor({ unit, controlUnit, seek, only = ["position", "velocity", "control"] }) {
-    const x = { label: "time, s" };
-    const all = {
-      position: { label: "Position", x, y: { label: unit }, lines: [{ label: "position", colour: "best", width: 2.5 }], seek },
-      velocity: { label: "Velocity", x, y: { label: `${unit}/s` }, lines: [{ label: "velocity", colour: "best", width: 2.5 }], seek },
-      control: { label: "Control: in the shaded band a push is too weak to start the mass", x, y: { label: controlUnit }, lines: [{ label: "control", colour: "best", stepped: true, width: 2.5 }], seek },
+  constructor({ unit, controlUnit, seek, colour = "best" }) {
+    const one = (label, y, more, x = {}) => new Chart({ label, x, y: { label: y }, lines: [{ label, colour, width: 2.5, ...more }], seek });
+    this.colour = colour;
+    this.charts = {
+      position: one("Position", unit),
+      velocity: one("Velocity", `${unit}/s`),
+      control: one("Control", controlUnit, { stepped: true }, { label: "time, s" }),
     };
-    this.charts = Object.fromEntries(only.map((name) => [name, new Chart(all[name])]));
-    this.elements = only.map((name) => this.charts[name].element);
+    this.elements = [...Object.values(this.charts).map((chart) => chart.element), legend()];
   }
 
   /**
@@ -44,25 +46,22 @@ export class Motion {
     const { candidates } = plan;
     const x = [0, times.at(-1)];
     const one = (index, name, y) => {
-      const chart = this.charts[name];
-      if (!chart) return;
       const line = plan.states.map((state) => state[index]);
       const lines = candidates ? candidates.states.map((states) => states.map((state) => state[index])) : several.map((states) => states.map((state) => state[index]));
       const aims = targets.map((target) => target[name]);
-      chart.show({
+      this.charts[name].show({
         x, y: span[name] ?? around(...extent([...line, ...aims, ...lines.flat()])),
         data: [times, line],
         under: [
           ...targets.map((target) => aim(target, target[name], step)),
           ...(candidates ? [bundle(times, lines, candidates.terminal_errors)] : []),
-          ...(several.length ? [fan(times, lines, "fan")] : []),
+          ...(several.length ? [fan(times, lines, this.colour)] : []),
         ],
         summary: `from ${line[0].toPrecision(3)} to ${line.at(-1).toPrecision(3)}`,
       });
     };
     one(0, "position");
     one(1, "velocity");
-    if (!this.charts.control) return;
     const [low, high] = limits(plan.system);
     const { forward, backward } = thresholds(plan.system);
     const targetAt = (k) => (targets.find((target) => k < target.to) ?? targets.at(-1)).position;
@@ -84,10 +83,14 @@ export class Motion {
   }
 }
 
+const legend = () => h("ul", { class: "legend" },
+  [["band", "too weak a push to start the mass"], ["limit", "control limits"], ["stuck", "stuck steps"], ["target", "target"]]
+    .map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));
+
 /** A target over the steps for which it is one. */
 const aim = ({ from, to }, value, step) => (ctx, u, ratio) => {
   const at = u.valToPos(value, "y", true);
-  ctx.strokeStyle = targetColour();
+  ctx.strokeStyle = colour("target");
   ctx.lineWidth = 1.5 * ratio;
   ctx.setLineDash([6 * ratio, 4 * ratio]);
   ctx.beginPath();
@@ -96,4 +99,3 @@ const aim = ({ from, to }, value, step) => (ctx, u, ratio) => {
   ctx.stroke();
   ctx.setLineDash([]);
 };
-const targetColour = () => getComputedStyle(document.documentElement).getPropertyValue("--target");

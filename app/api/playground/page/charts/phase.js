@@ -23,9 +23,8 @@ export class PhasePlane {
     this.dot = h("div", { class: "dot hidden" });
     this.chart.onbuild = (plot) => {
       plot.over.append(this.dot, this.handles.start, this.handles.target);
-      plot.hooks.setSize = [...(plot.hooks.setSize ?? []), () => requestAnimationFrame(() => this.place())];
-      this.place();
     };
+    this.chart.onplaced = () => this.place();
   }
 
   show({ start, target, plan }) {
@@ -43,7 +42,6 @@ export class PhasePlane {
       under,
       summary: `from ${this.words(start)} to ${this.words(plan.states.at(-1))}; the target is ${this.words(target)}`,
     });
-    this.place();
   }
 
   /** Put the dot of the moment at a state. */

@@ -7,7 +7,7 @@ import { timesOf } from "../charts/motion.js";
 import { rule } from "../charts/layers.js";
 import { candidates, rest, section } from "../controls.js";
 import { distance, h, short, words } from "../dom.js";
-import { table } from "../measures.js";
+import { reserve, swatch, table } from "../measures.js";
 import { machine, method, offer, planned } from "../request.js";
 import { offerShare } from "../share.js";
 
@@ -40,7 +40,7 @@ function chosen() {
 
 export function open(view) {
   const { position_unit: unit } = machine();
-  const results = h("div", { class: "results" });
+  const results = reserve(entrants().length);
   const lines = offer.methods.flatMap(() => [0, 1]).map((_, index) => ({ label: "", colour: `series-${1 + (index % 6)}`, dash: index >= 6 ? [6, 3] : undefined, stepped: true }));
   const position = new Chart({ label: "Position of each plan", height: "low", x: { label: "time, s" }, y: { label: unit }, lines: lines.map((line) => ({ ...line, stepped: false })) });
   const errors = new Chart({ label: "How the candidates end: their number, by error", height: "low", x: { label: `error, ${unit}`, log: true }, y: { label: "candidates" }, lines });
@@ -66,7 +66,7 @@ export function open(view) {
     const best = Math.min(...found.map(({ plan }) => plan.terminal_error));
     results.replaceChildren(table("Measures of each method", ["Method", "Error", "Gap", "Energy", "Stuck", "Time", "Rollouts"],
       found.map(({ name: one, plan }, index) => [
-        h("span", {}, h("i", { class: `swatch series-${1 + (index % 6)}` }), one),
+        swatch(1 + (index % 6), one),
         h(plan.terminal_error <= best + 1e-6 ? "strong" : "span", {}, distance(plan.terminal_error, unit)),
         distance(plan.gap, unit), short(plan.control_energy), String(plan.stuck_steps), `${short(plan.timing_ms.total)} ms`, String(plan.cost.rollouts),
       ])));

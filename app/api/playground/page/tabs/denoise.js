@@ -21,7 +21,7 @@ function sampler() {
   return section("Sampler",
     choiceField({ name: "sampler", label: "Sampler", pointer: "/method/sampler", choices: [["ddim", "DDIM"], ["dpm_solver", "DPM-Solver++"]] }),
     numberField({ name: "stages", label: "Denoising steps", pointer: "/method/steps", range: [1, 50], step: 1 }),
-    numberField({ name: "guidance", label: "Guidance scale", pointer: "/method/guidance_scale", hint: "0 ignores the task, 1 follows it, more sharpens; empty: the model's own", range: [0, 5], step: 0.1 }),
+    numberField({ name: "guidance", label: "Guidance scale", pointer: "/method/guidance_scale", hint: "0 ignores the task, 1 follows it, more sharpens; empty: the model's own"  }),
     candidates(), rest());
 }
 

@@ -8,7 +8,7 @@ import { Motion } from "../charts/motion.js";
 import { candidates, methodChoice, rest, section } from "../controls.js";
 import { distance, h } from "../dom.js";
 import { choiceField, numberField } from "../fields.js";
-import { table } from "../measures.js";
+import { reserve, swatch, table } from "../measures.js";
 import { machine, planned } from "../request.js";
 import { offerShare } from "../share.js";
 
@@ -22,7 +22,9 @@ const PARAMETERS = [
 ];
 const RISKS = { mean: "mean", worst: "worst", cvar: { cvar: 0.9 } };
 
-const way = () => section("Method", methodChoice(), candidates(), rest());
+function way() {
+  return section("Method", methodChoice(), candidates(), rest());
+}
 
 function doubt() {
   return section("How far off it may be",
@@ -35,9 +37,9 @@ function doubt() {
 export function open(view) {
   const { position_unit: unit, control_unit: controlUnit } = machine();
   const words = h("p", { class: "verdict" }, " ");
-  const results = h("div", { class: "results three" });
+  const results = reserve(7);
   const motions = ["nominal", "robust"].map((kind) => {
-    const motion = new Motion({ unit, controlUnit });
+    const motion = new Motion({ unit, controlUnit, colour: kind === "nominal" ? "series-2" : "best" });
     return { kind, motion, element: h("div", { class: "column" }, h("h2", {}, kind === "nominal" ? "Planned for the plant as it is said to be" : "Planned for all plants that it may be"), motion.elements) };
   });
   const shares = new Chart({
@@ -68,7 +70,7 @@ export function open(view) {
     const row = (what, pick) => [what, pick(nominal), pick(robust)];
     const length = (pick) => (one) => distance(pick(one), unit);
     const share = (limit) => (one) => `${Math.round(100 * one.within[limit])} %`;
-    results.replaceChildren(table("Errors over the plants", ["", "Nominal", "Robust"], [
+    results.replaceChildren(table("Errors over the plants", ["", swatch(2, "Nominal"), swatch(1, "Robust")], [
       row("mean", length((one) => one.mean_error)), row("median", length((one) => one.median_error)),
       row("nine in ten within", length((one) => one.p90_error)), row("worst", length((one) => one.worst_error)),
       row(`within 0.01 ${unit}`, share("0.01")), row(`within 0.05 ${unit}`, share("0.05")),

@@ -7,7 +7,7 @@ import { extent, around } from "../charts/chart.js";
 import { section, state } from "../controls.js";
 import { distance, h, short } from "../dom.js";
 import { stateField } from "../fields.js";
-import { table } from "../measures.js";
+import { reserve, table } from "../measures.js";
 import { machine, planned, system } from "../request.js";
 import { say } from "../run.js";
 import { offerShare } from "../share.js";
@@ -35,7 +35,7 @@ function task() {
 
 export function open(view) {
   const { position_unit: unit, control_unit: controlUnit } = machine();
-  const results = h("div", { class: "results" });
+  const results = reserve(targets().length);
   const motion = new Motion({ unit, controlUnit, seek: (time) => { track.pause(); track.go(time); } });
   const track = new Track(unit, controlUnit, (time) => motion.mark(time));
   view.replaceChildren(results, track.element, h("div", { class: "column" }, motion.elements));

@@ -44,10 +44,12 @@ export class Chart {
    * @param x, y {label, log}: the axes
    * @param lines [{label, colour, stepped, width, dash, points}], for the data after the x values
    * @param height a class of the style sheet: "low", "high"
+   * @param seek called with the x value that is pointed at
+   * @param role "group" where there is something to use within
    */
-  constructor({ label, x, y, lines = [], height = "low", seek = null }) {
+  constructor({ label, x, y, lines = [], height = "low", seek = null, role = "img" }) {
     this.options = { label, x, y, lines, seek };
-    this.area = h("div", { class: `plot ${height}`, role: "img", "aria-label": label });
+    this.area = h("div", { class: `plot ${height}`, role, "aria-label": label });
     this.element = h("figure", { class: "chart" }, h("figcaption", {}, label), this.area);
     const empty = ({ log }) => (log ? [0.1, 1] : [0, 1]);
     this.content = { x: empty(x), y: empty(y), data: [empty(x), ...lines.map(() => [null, null])], under: [], over: [] };

@@ -14,7 +14,7 @@ export class PhasePlane {
     this.unit = unit;
     this.moved = moved;
     this.chart = new Chart({
-      label: "Phase plane", height: "high",
+      label: "Phase plane", height: "high", role: "group",
       x: { label: `position, ${unit}` }, y: { label: `velocity, ${unit}/s` },
     });
     this.element = this.chart.element;

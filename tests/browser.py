@@ -51,6 +51,11 @@ class Visit:
     def _listen(self, message: ConsoleMessage) -> None:
         self.complaints.append(f"{message.type}: {message.text}")
 
+    @property
+    def address(self) -> str:
+        """What follows `#` now; the driver's own notion of it comes later."""
+        return str(self.page.evaluate("location.hash.slice(1)"))
+
     def says(self, words: str) -> None:
         """Wait until the status line has these words."""
         expect(self.page.get_by_role("status").first).to_contain_text(words)

@@ -65,7 +65,7 @@ def test_a_key_is_asked_for_and_kept_in_memory_alone(browser: Browser, tmp_path:
         expect(refusal).to_be_empty()
         shown.page.get_by_text("The same request elsewhere").click()
         assert KEY not in shown.page.content()
-        assert KEY not in shown.page.url
+        assert KEY not in shown.address
         kept = shown.page.evaluate("[...Object.entries(localStorage), document.cookie].join()")
         assert kept == ""
         shown.is_quiet(refusals=True)

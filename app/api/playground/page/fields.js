@@ -113,7 +113,7 @@ export function showError(pointer, detail) {
   if (!place) return false;
   place.closest("details")?.setAttribute("open", "");
   place.querySelector(".error").textContent = detail;
-  place.querySelector("input, select")?.setAttribute("aria-invalid", "true");
+  place.querySelector("input:not([type='range']), select")?.setAttribute("aria-invalid", "true");
   return true;
 }
 

@@ -153,11 +153,14 @@ export function optionsOf(name) {
   return fields;
 }
 
-/** Say in words what a machine's control can do from rest. */
+/** Say in words what control does to a mass at rest. */
 export function inWords(system) {
   const { control_unit: unit } = machine();
   const { forward, backward } = thresholds(system);
-  return `At rest, any push between ${short(-backward)} and ${short(forward)} ${unit} moves nothing.`;
+  const [low, high] = limits(system);
+  const ways = [[high > forward, "forward"], [low < -backward, "backward"]].filter(([can]) => can).map(([, way]) => way);
+  const moves = ways.length === 2 ? "Only a stronger one breaks it away" : ways.length ? `Only a stronger one breaks it away, and only ${ways[0]}` : "The limits allow none that is stronger: it never moves";
+  return `At rest, static friction holds the mass against any push between ${short(-backward)} and ${short(forward)} ${unit}. ${moves}; then Coulomb friction slows what slides.`;
 }
 
 /** The controls (in their unit) beyond which a mass at rest breaks away. */

@@ -21,7 +21,7 @@ const MOST_DRAWN = 256;
 export function open(view) {
   const { position_unit: unit, control_unit: controlUnit } = machine();
   const words = h("p", { class: "verdict" }, " ");
-  const friction = h("p", { class: "hint" }, " ");
+  const friction = h("span");
   const numbersPlace = h("div", { class: "numbers" });
   const plane = new PhasePlane(unit, (which, state) => set({ [which]: state.join(",") }));
   const motion = new Motion({ unit, controlUnit, seek: (time) => { track.pause(); track.go(time); } });
@@ -29,7 +29,7 @@ export function open(view) {
   view.replaceChildren(
     words, numbersPlace, track.element,
     h("div", { class: "split" },
-      h("div", { class: "column" }, plane.element, legend(), friction),
+      h("div", { class: "column" }, plane.element, legend(), notes(friction)),
       h("div", { class: "column" }, motion.elements)),
   );
   numbersPlace.replaceChildren(measures([["Error", "–"], ["Floor", "–"], ["Gap", "–"], ["Energy", "–"], ["Stuck steps", "–"], ["Rollouts", "–"], ["Time", "–"]]));
@@ -53,6 +53,13 @@ export function open(view) {
     return `Planned in ${plan.timing_ms.total.toFixed(1)} ms${hidden}.`;
   };
 }
+
+/** What somebody who sees it for the first time wants to know. */
+const notes = (friction) => h("dl", { class: "notes" }, [
+  ["Why does a small push do nothing?", friction],
+  ["What is the floor?", "The least error that any controls can end with, in so many steps, by the physics alone. Inside the blue area it is 0; outside, no method arrives."],
+  ["Which method?", "To arrive exactly: dataset prior, refined. For near and smooth plans without refinement: action diffusion. Compare shows them side by side."],
+].map(([question, answer]) => h("div", {}, h("dt", {}, question), h("dd", {}, answer))));
 
 const legend = () => h("ul", { class: "legend" },
   [["best", "the plan"], ["candidate", "candidates, the better the bluer"], ["set", "what can be reached"], ["rest", "where it can be at rest"]]

@@ -42,8 +42,8 @@ export function open(view) {
   const { position_unit: unit } = machine();
   const results = reserve(entrants().length);
   const lines = offer.methods.flatMap(() => [0, 1]).map((_, index) => ({ label: "", colour: `series-${1 + (index % 6)}`, dash: index >= 6 ? [6, 3] : undefined, stepped: true }));
-  const position = new Chart({ label: "Position of each plan", height: "low", x: { label: "time, s" }, y: { label: unit }, lines: lines.map((line) => ({ ...line, stepped: false })) });
-  const errors = new Chart({ label: "How the candidates end: their number, by error", height: "low", x: { label: `error, ${unit}`, log: true }, y: { label: "candidates" }, lines });
+  const position = new Chart({ label: "Position of each plan", height: "high", x: { label: "time, s" }, y: { label: unit }, lines: lines.map((line) => ({ ...line, stepped: false })) });
+  const errors = new Chart({ label: "How the candidates end: their number, by error", height: "high", x: { label: `error, ${unit}`, log: true }, y: { label: "candidates" }, lines });
   view.replaceChildren(results, h("div", { class: "split even" }, errors.element, position.element));
 
   return async (signal) => {

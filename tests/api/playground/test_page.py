@@ -56,15 +56,21 @@ def visit(service: httpx.Client, browser: Browser) -> Open:
     return visit
 
 
+def shut_out(shown: Visit, options: dict[str, list[str]]) -> list[str]:
+    """Return the rules of axe that are broken so that somebody cannot use the page."""
+    found = Axe().run(shown.page, options=options).response["violations"]
+    return [item["id"] for item in found if item["impact"] in ("serious", "critical")]
+
+
 @pytest.mark.parametrize("tab", TABS)
 def test_every_tab_shows_what_it_is_for_in_light_and_dark(visit: Open, tab: str) -> None:
     shown = visit(f"tab={tab}")
     shown.says(TABS[tab])
     assert all(colours > 20 for colours in shown.page.evaluate(DRAWN))
-    for scheme in ("light", "dark"):
-        shown.page.emulate_media(color_scheme=scheme)
-        found = Axe().run(shown.page).response["violations"]
-        assert [item["id"] for item in found if item["impact"] in ("serious", "critical")] == []
+    shown.page.emulate_media(color_scheme="light")
+    assert shut_out(shown, {"resultTypes": ["violations"]}) == []
+    shown.page.emulate_media(color_scheme="dark")
+    assert shut_out(shown, {"runOnly": ["color-contrast"]}) == []
     shown.is_quiet()
 
 
@@ -91,6 +97,7 @@ def test_a_plan_is_what_the_service_answers_and_its_address_says_all(
     stuck = shown.page.locator(".measures div", has_text="Stuck steps").locator("dd")
     expect(stuck).to_have_text(str(plan["stuck_steps"]))
 
+    wait_until(lambda: "seed=11" in shown.address)
     again = visit(shown.address)
     expect(again.page.get_by_label("Target position")).to_have_value("0.37")
     expect(again.page.locator(".measures div", has_text="Stuck steps").locator("dd")).to_have_text(
@@ -116,14 +123,14 @@ def test_the_target_can_be_dragged_and_moved_by_keys(visit: Open) -> None:
     shown.page.mouse.move(x - 60, y - 40, steps=4)
     assert "target=" not in shown.address
     shown.page.mouse.up()
+    wait_until(lambda: "target=" in shown.address)
     position, velocity = shown.address.split("target=")[1].split("&")[0].split(",")
     assert float(position) < 0.6
     assert float(velocity) > 0
     shown.says("Planned")
     handle.focus()
     shown.page.keyboard.press("ArrowRight")
-    moved = shown.address.split("target=")[1].split("&")[0].split(",")
-    assert float(moved[0]) > float(position)
+    wait_until(lambda: float(shown.address.split("target=")[1].split(",")[0]) > float(position))
     shown.is_quiet()
 
 
@@ -161,7 +168,11 @@ def test_the_mass_plays_pauses_and_is_scrubbed(visit: Open) -> None:
     shown.page.get_by_role("button", name="Pause").click()
     shown.page.get_by_label("Moment of the plan").fill("64")
     expect(moment).to_contain_text("3.20 s")
+    wait_until(lambda: "moment=64" in shown.address)
+    again = visit(shown.address)
+    expect(again.page.locator(".moment")).to_contain_text("3.20 s")
     shown.is_quiet()
+    again.is_quiet()
 
 
 def test_a_slow_plan_says_so_and_can_be_cancelled(visit: Open, service: httpx.Client) -> None:

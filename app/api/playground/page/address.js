@@ -16,6 +16,7 @@ export const DEFAULTS = {
   sampler: "ddim",
   stages: "20",
   stage: "",
+  moment: "0",
   "relative.coulomb_friction": "10",
   "relative.static_friction": "10",
   "relative.viscous_damping": "0",
@@ -24,6 +25,12 @@ export const DEFAULTS = {
   risk: "mean",
   targets: "0.4,0;-0.4,0;0.2,0",
 };
+
+/** How what is there is looked at: nothing has to be asked anew for these. */
+export const VIEWS = ["stage", "moment"];
+
+const BETWEEN_MS = 100;
+/** Browsers take an address seldom: a slider that is dragged would change it too often. */
 
 const values = new Map();
 const listeners = new Set();
@@ -37,9 +44,23 @@ export function set(changes, { push = "tab" in changes } = {}) {
     if (value === null || String(value) === (DEFAULTS[name] ?? "")) values.delete(name);
     else values.set(name, String(value));
   }
-  const address = "#" + new URLSearchParams([...values]).toString().replaceAll("%2C", ",").replaceAll("%3B", ";");
-  if (address !== (location.hash || "#")) history[push ? "pushState" : "replaceState"](null, "", address);
+  if (push) write("pushState");
+  else if (!waiting) {
+    if (performance.now() - written >= BETWEEN_MS) write("replaceState");
+    else waiting = setTimeout(() => write("replaceState"), BETWEEN_MS);
+  }
   for (const listener of listeners) listener(Object.keys(changes));
+}
+
+let written = -Infinity;
+let waiting = null;
+
+function write(method) {
+  clearTimeout(waiting);
+  waiting = null;
+  written = performance.now();
+  const address = "#" + new URLSearchParams([...values]).toString().replaceAll("%2C", ",").replaceAll("%3B", ";");
+  if (address !== (location.hash || "#")) history[method](null, "", address);
 }
 
 /** All names that begin so and have a value of their own. */

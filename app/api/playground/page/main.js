@@ -1,6 +1,6 @@
 // Boots the page: asks what the service offers, shows the tab that the address names.
 
-import { get, listen, set } from "./address.js";
+import { VIEWS, get, listen, set } from "./address.js";
 import { read, setKey } from "./api.js";
 import { build } from "./controls.js";
 import { h } from "./dom.js";
@@ -48,14 +48,14 @@ function showTab() {
 /** Ask for what the address says, on a tab that fits. */
 function update(changed) {
   showTab();
-  if (!offer.machines.length) return;
+  if (!offer.machines.length || (changed.length && changed.every((name) => VIEWS.includes(name)))) return;
   const tab = current();
   if (changed.some((name) => CHANGE_THE_FORM.includes(name))) build(tab);
   if (changed.includes("tab") || changed.includes("machine")) {
     withdrawShare();
     work = tab.open(view);
   }
-  run(tab.title, (signal) => work(signal, changed));
+  run(tab.title, work);
 }
 
 async function boot() {

@@ -1,5 +1,6 @@
 // The mass on its track, in time with the charts: play, pause, scrub. It says in words what happens.
 
+import { get, set } from "./address.js";
 import { thresholds } from "./controls.js";
 import { h, short } from "./dom.js";
 import { timesOf } from "./charts/motion.js";
@@ -27,21 +28,29 @@ export class Track {
     this.picture = svg("svg", { class: "track", "aria-hidden": "true" },
       svg("path", { class: "rail", d: `M0 ${GROUND}H4000` }), this.ticks, this.flags, this.body);
     this.button = h("button", { type: "button", class: "play", onclick: () => this.toggle() }, "Play");
-    this.slider = h("input", { type: "range", min: 0, max: 1, step: 1, value: 0, "aria-label": "Moment of the plan", oninput: () => { this.pause(); this.go(Number(this.slider.value) * this.step); } });
+    this.slider = h("input", { type: "range", min: 0, max: 1, step: 1, value: 0, "aria-label": "Moment of the plan", oninput: () => this.seek(Number(this.slider.value) * this.step) });
     this.text = h("output", { class: "moment" });
     new ResizeObserver(() => { if (this.plan) this.draw(); }).observe(this.picture);
     this.element = h("div", { class: "trackbox" }, this.picture, h("div", { class: "transport" }, this.button, this.slider), this.text);
   }
 
   show(plan, targets, positions) {
-    this.pause();
+    this.stop();
     this.plan = plan;
     this.step = plan.system.time_step;
     this.times = timesOf(plan.states.length, this.step);
     Object.assign(this, { targets, positions });
     this.slider.max = plan.controls.length;
-    this.at = 0;
+    this.at = (Number(get("moment")) || 0) * this.step;
     this.draw();
+  }
+
+  /** Show the moment at a time because somebody asks for it: the address has it, too. */
+  seek(time) {
+    if (!this.plan) return;
+    this.stop();
+    this.go(time);
+    set({ moment: Math.round(this.at / this.step) });
   }
 
   /** Draw the track as wide as it is, and the moment on it. */
@@ -90,7 +99,7 @@ export class Track {
   }
 
   toggle() {
-    if (this.frame) this.pause();
+    if (this.frame) this.seek(this.at);
     else this.play();
   }
 
@@ -105,12 +114,12 @@ export class Track {
       const time = from + (now - begun) / 1e3;
       this.go(time);
       if (time < end && this.element.isConnected) this.frame = requestAnimationFrame(next);
-      else this.pause();
+      else this.seek(this.at);
     };
     this.frame = requestAnimationFrame(next);
   }
 
-  pause() {
+  stop() {
     cancelAnimationFrame(this.frame);
     this.frame = null;
     this.button.textContent = "Play";

@@ -105,11 +105,7 @@ export function open(view) {
     text.textContent = `Step ${stage} of ${last()}: ${what}; the best would end ${distance(Math.min(...found), unit)} from the target.`;
   }
 
-  return async (signal, changed = []) => {
-    if (plan && changed.length && changed.every((one) => one === "stage")) {
-      show();
-      return document.getElementById("status").textContent;
-    }
+  return async (signal) => {
     const method = { name: "action_diffusion", sampler: get("sampler"), steps: number("stages") };
     if (get("guidance") !== "") method.guidance_scale = number("guidance");
     const body = { ...shared(), target_state: numbers("target"), method, include: ["states", "denoising"] };

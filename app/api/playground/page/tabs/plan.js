@@ -24,7 +24,7 @@ export function open(view) {
   const friction = h("span");
   const numbersPlace = h("div", { class: "numbers" });
   const plane = new PhasePlane(unit, (which, state) => set({ [which]: state.join(",") }));
-  const motion = new Motion({ unit, controlUnit, seek: (time) => { track.pause(); track.go(time); } });
+  const motion = new Motion({ unit, controlUnit, seek: (time) => track.seek(time) });
   const track = new Track(unit, controlUnit, (time, state) => { motion.mark(time); plane.mark(state); });
   view.replaceChildren(
     words, numbersPlace, track.element,

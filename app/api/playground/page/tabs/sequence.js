@@ -36,7 +36,7 @@ function task() {
 export function open(view) {
   const { position_unit: unit, control_unit: controlUnit } = machine();
   const results = reserve(targets().length);
-  const motion = new Motion({ unit, controlUnit, seek: (time) => { track.pause(); track.go(time); } });
+  const motion = new Motion({ unit, controlUnit, seek: (time) => track.seek(time) });
   const track = new Track(unit, controlUnit, (time) => motion.mark(time));
   view.replaceChildren(results, track.element, h("div", { class: "column" }, motion.elements));
 

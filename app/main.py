@@ -21,6 +21,7 @@ from app.api.metrics import Metrics
 from app.api.middleware import BodyLimit, HeadAsGet
 from app.api.planning import BATCH_PATH
 from app.api.planning import router as planning_router
+from app.api.playground import add_playground
 from app.api.request_target import RequestTarget
 from app.api.routes import admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
@@ -75,6 +76,7 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
     if settings.admin:
         app.router.routes += admin_router.routes
     add_pages(app)
+    add_playground(app)
     document_middleware(app, settings.public_paths if keys else None)
     return app
 

@@ -37,10 +37,18 @@ class Server(uvicorn.Server):
     once. SIGHUP loads what is new in the model store.
 
     It leaves logging as it is; `app.logs` is for the process that serves.
+
+    Args:
+        app: what is served.
+        settings: where, and the time limits.
+        when_ready: told the URL once plans can be made.
     """
 
-    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+    def __init__(
+        self, app: ASGIApp, settings: Settings, when_ready: Callable[[str], None] | None = None
+    ) -> None:
         super().__init__(_Config(app, settings))
+        self._when_ready = when_ready
         self.failed = False
         """Whether the service could not start."""
         self._is_ending = False
@@ -89,6 +97,8 @@ class Server(uvicorn.Server):
             host, port = listeners[0].getsockname()[:2]
             url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
             log.info("Breakaway serves at %s, its documentation at %s/docs", url, url)
+            if self._when_ready:
+                self._when_ready(f"{url}/")
 
     async def _drain(self) -> None:
         log.info("draining")

@@ -89,8 +89,9 @@ class Settings(BaseModel):
         None, description="File with more such keys, one on each line; # begins a comment line."
     )
     public_paths: Listed[PublicPath] = Field(
-        ("/livez", "/readyz"),
-        description="Paths that need no key; /folder/* stands for all below it.",
+        ("/livez", "/readyz", "/", "/playground/*"),
+        description="Paths that need no key; /folder/* stands for all below it. The playground "
+        "asks its user for one.",
     )
     cors_origins: Listed[Origin] = Field(
         (), description="Origins whose web pages may use the service, like https://example.org."

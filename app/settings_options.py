@@ -26,7 +26,7 @@ METAVARS = {int: "INTEGER", float: "NUMBER", Path: "PATH"}
 
 
 class SettingsCommand(click.Command):
-    """A command with an option for each setting; its function takes the `Settings`."""
+    """A command with an option for each setting; its function takes the `Settings`, and its own."""
 
     @cached_property
     def _options(self) -> list[click.Parameter]:
@@ -40,8 +40,9 @@ class SettingsCommand(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         from app.settings import Settings
 
+        own = {param.name: ctx.params.pop(param.name) for param in self.params if param.name}
         given = {name: value for name, value in ctx.params.items() if value is not None}
-        ctx.params = {"settings": _read(Settings.model_fields, given, ())}
+        ctx.params = own | {"settings": _read(Settings.model_fields, given, ())}
         return super().invoke(ctx)
 
 

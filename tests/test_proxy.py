@@ -140,11 +140,10 @@ def answers(proxy: Proxy) -> bool:
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("page", ["docs", ""])
 def test_the_documentation_finds_its_parts_and_its_document(
-    proxy: Proxy, way: str, scheme: str, page: str
+    proxy: Proxy, way: str, scheme: str
 ) -> None:
-    url = proxy.url(way, scheme) + page
+    url = proxy.url(way, scheme) + "docs"
     answer = proxy.client.get(url)
     assert answer.status_code == 200
     addresses = re.findall(r"(?:href=|src=|url: )[\"']([^\"']+)[\"']", answer.text)
@@ -159,6 +158,20 @@ def test_the_documentation_finds_its_parts_and_its_document(
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("way", WAYS)
+def test_the_playground_finds_its_parts_and_the_service(
+    proxy: Proxy, way: str, scheme: str
+) -> None:
+    url = proxy.url(way, scheme)
+    page = proxy.client.get(url).text
+    parts = set(re.findall(r'(?:href|src)="([^"]+)"', page))
+    assert any(part.endswith("/main.js") for part in parts)
+    assert {proxy.client.get(urljoin(url, part)).status_code for part in parts} == {200}
+    (base,) = re.findall(r'data-base="([^"]*)"', page)
+    assert proxy.client.get(urljoin(urljoin(url, base), "methods")).status_code == 200
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("way", WAYS)
 def test_plans_and_problems_come_through(proxy: Proxy, way: str, scheme: str) -> None:
     url = proxy.url(way, scheme)
     assert proxy.client.post(f"{url}plan", json=UNIFORM).json()["seed"] == 1
@@ -167,7 +180,7 @@ def test_plans_and_problems_come_through(proxy: Proxy, way: str, scheme: str) ->
     assert problem["instance"] == ("/plan" if way == "unknown" else "/planner/plan")
 
 
-def test_the_path_itself_is_the_documentation_without_its_slash_too(proxy: Proxy) -> None:
+def test_the_path_itself_is_the_playground_without_its_slash_too(proxy: Proxy) -> None:
     url = proxy.url("keeping", "https")
     assert proxy.client.get(url.removesuffix("/")).text == proxy.client.get(url).text
 

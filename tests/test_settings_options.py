@@ -43,7 +43,7 @@ def test_every_setting_is_an_option_with_its_description_and_default() -> None:
         assert f"--{name.replace('_', '-')} " in text
         assert field.description is not None
         assert field.description in text
-    for default in ("127.0.0.1", "8000", "/livez,/readyz", "10.0", "no"):
+    for default in ("127.0.0.1", "8000", "/livez,/readyz,/,/playground/*", "10.0", "no"):
         assert f"[default: {default}]" in text
     assert str(SHIPPED_MODELS) in text
 

@@ -20,7 +20,7 @@ SECURITY_SCHEME = "API key"
 
 
 def add_pages(app: FastAPI) -> None:
-    """Add `/docs`, which a browser gets at `/`, too.
+    """Add `/docs`.
 
     Its addresses lie below the root path; where there is none they are relative, and hold behind a
     proxy that offers the service under a path of its own.
@@ -38,8 +38,7 @@ def add_pages(app: FastAPI) -> None:
             swagger_favicon_url=f"{assets}/favicon.png",
         )
 
-    for path in ("/", "/docs"):
-        app.add_api_route(path, page, include_in_schema=False)
+    app.add_api_route("/docs", page, include_in_schema=False)
 
 
 def document_middleware(app: FastAPI, private_except: Collection[str] | None) -> None:

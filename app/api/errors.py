@@ -1,5 +1,6 @@
 """Errors as RFC 9457 problem+json: what can go wrong, and how each is told to the client."""
 
+import logging
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import NamedTuple
@@ -33,6 +34,8 @@ from app.wire.problems import FieldError, ProblemDetails
 class MalformedHttp(HTTPException):
     """What a connection brought is not HTTP as we know it."""
 
+
+log = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"

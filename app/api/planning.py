@@ -1,7 +1,11 @@
 """The routes that plan: one plan, several targets, or many problems."""
 
+import logging
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+from http import HTTPStatus
+from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
@@ -11,12 +15,21 @@ from app.api.batch_response import NDJSON, BatchResponse
 from app.api.body import JsonRoute
 from app.api.dependencies import get_runtime
 from app.api.errors import problem_of
+from app.api.events import EVENT_STREAM, accepts_events, as_event, json_event, stream
+from app.serving.runtime import Runtime
+from app.serving.service import PlanningService, ResolvedRequest
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.batches import PlanBatchRequest
 from app.wire.model import build_checks
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
+log = logging.getLogger(__name__)
+
 BATCH_PATH = "/plan_batch"
+EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {"content": {EVENT_STREAM: {"schema": {"type": "string"}}}}
+}
+
 build_checks()
 router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
 
@@ -33,14 +46,20 @@ async def plan(body: PlanRequest, request: Request) -> Response:
 @router.post(
     "/plan_multistep",
     response_model=MultistepPlanResponse,
-    responses=PLAN_PROBLEMS,
+    responses=PLAN_PROBLEMS | EVENTS,
     tags=["planning"],
 )
 async def plan_multistep(body: MultistepPlanRequest, request: Request) -> Response:
-    """Plan to several targets, each from the state that the plan before it reached."""
+    """Plan to several targets, each from the state that the plan before it reached.
+
+    With `Accept: text/event-stream` the answer is events: `segment` for each as soon as it is
+    planned, then `plan` with the whole; or `problem`, where something goes wrong after the first.
+    """
     runtime = await get_runtime(request)
     service = runtime.service
     resolved = service.resolve(body, request.state.arrived)
+    if accepts_events(request.headers):
+        return await _stream(request, runtime, service, resolved)
     return await work_out(request, runtime, service, resolved)
 
 
@@ -79,3 +98,33 @@ async def plan_batch(body: PlanBatchRequest, request: Request) -> Response:
             work, batch.parts(), answer, batch.parts_at_once, partial(hung_up, request)
         )
         return BatchResponse(batch, parts, stack.pop_all())
+
+
+async def _stream(
+    request: Request, runtime: Runtime, service: PlanningService, resolved: ResolvedRequest[Any]
+) -> Response:
+    """Do as `work_out` does, with an event for each segment as soon as it is planned."""
+    work = resolved.work
+    request.state.log_fields |= resolved.log_fields
+    work.answer_bytes *= 2  # the segments, and once more in the whole
+
+    async def run(put: Callable[[bytes], None]) -> bytes:
+        def answer(waited_ms: float) -> tuple[bytes, dict[str, float]]:
+            result = service.answer(
+                resolved, waited_ms, lambda segment: put(json_event("segment", segment))
+            )
+            return json_event("plan", result), result["timing_ms"]
+
+        event, timing = await runtime.workers.run(work, answer, partial(hung_up, request))
+        request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
+        return event
+
+    def problem(error: Exception) -> bytes:
+        told = problem_of(error, request.url.path)
+        if told.status == HTTPStatus.INTERNAL_SERVER_ERROR:
+            log.error("an error while a plan was streamed", exc_info=error)
+        return as_event("problem", told.model_dump_json(exclude_none=True).encode())
+
+    with ExitStack() as until_sent:
+        until_sent.enter_context(runtime.admission.answering(work))
+        return await stream(run, problem, until_sent)

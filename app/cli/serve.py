@@ -2,6 +2,8 @@
 
 import logging
 import os
+import threading
+import webbrowser
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -24,7 +26,8 @@ log = logging.getLogger(__name__)
     epilog="Each option can be set in the environment, too: --max-pending is "
     "BREAKAWAY_MAX_PENDING. Lists are separated by commas, or the option is repeated.",
 )
-def serve(settings: "Settings") -> None:
+@click.option("--open", "opens_page", is_flag=True, help="Show the playground in a browser.")
+def serve(settings: "Settings", opens_page: bool) -> None:
     """Serve plans over HTTP."""
     from app.memory import use_few_arenas
 
@@ -44,12 +47,17 @@ def serve(settings: "Settings") -> None:
             "to listen on (in Kubernetes, enableServiceLinks: false leaves it out)",
             address,
         )
-    server = Server(service, settings)
+    server = Server(service, settings, _show if opens_page else None)
     with suppress(KeyboardInterrupt):
         server.run(sockets)
     # Not sys.exit: where it ends before it was ready, a thread may be compiling or loading yet.
     logging.shutdown()
     os._exit(1 if server.failed else 0)
+
+
+def _show(url: str) -> None:
+    """Show a page in the user's browser; in a thread, for some browsers keep their caller."""
+    threading.Thread(target=webbrowser.open, args=[url], daemon=True).start()
 
 
 def create_service(settings: "Settings") -> "FastAPI":

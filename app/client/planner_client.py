@@ -15,10 +15,11 @@ from typing import Any, Self, TypeVar
 import httpx
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from app.client.events import AS_EVENTS, Event, events_of
 from app.client.retrying import LONGEST_WAIT_SECONDS, read_whole, read_whole_async, retrying
 from app.client.unanswered import BROKEN, Unanswered
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
-from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.answers import MultistepPlanResponse, PlanResponse, Segment
 from app.wire.batches import BatchFailure, BatchPlan, PlanBatchRequest
 from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.problems import ProblemDetails
@@ -82,6 +83,18 @@ class PlannerClient:
         """Ask `POST /plan_multistep`; errors as for `plan`."""
         response = self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    def stream_multistep(
+        self, request: MultistepPlanRequest
+    ) -> Iterator[Segment | MultistepPlanResponse]:
+        """Ask `POST /plan_multistep`; yield each segment as it comes, at last the whole plan.
+
+        Errors as for `plan`; what breaks off after the first segment is not asked for again.
+        """
+        with self._http.stream(
+            "POST", "/plan_multistep", json=_body(request), headers=AS_EVENTS
+        ) as response:
+            yield from map(_read_event, events_of(_accepted(response).iter_lines()))
 
     def identify(self, request: IdentifyRequest) -> IdentifyResponse:
         """Ask `POST /identify`; errors as for `plan`."""
@@ -174,6 +187,21 @@ class AsyncPlannerClient:
         response = await self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
 
+    async def stream_multistep(
+        self, request: MultistepPlanRequest
+    ) -> AsyncIterator[Segment | MultistepPlanResponse]:
+        """Ask `POST /plan_multistep`, as `PlannerClient.stream_multistep` does."""
+        async with self._http.stream(
+            "POST", "/plan_multistep", json=_body(request), headers=AS_EVENTS
+        ) as response:
+            lines = _accepted(response).aiter_lines()
+            event: list[str] = []
+            async for line in lines:
+                event.append(line)
+                if not line:
+                    yield _read_event(next(events_of(event)))
+                    event.clear()
+
     async def identify(self, request: IdentifyRequest) -> IdentifyResponse:
         """Ask `POST /identify`; errors as for `PlannerClient.plan`."""
         response = await self._http.post("/identify", json=_body(request))
@@ -256,3 +284,10 @@ def _accepted(response: httpx.Response) -> httpx.Response:
 
 def _read(kind: type[Answer], response: httpx.Response) -> Answer:
     return kind.model_validate_json(_accepted(response).content)
+
+
+def _read_event(event: Event) -> Segment | MultistepPlanResponse:
+    if event.kind == "problem":
+        raise RequestRefused(ProblemDetails.model_validate_json(event.data))
+    kind = MultistepPlanResponse if event.kind == "plan" else Segment
+    return kind.model_validate_json(event.data)

@@ -5,9 +5,12 @@ from collections.abc import Awaitable, Callable
 import httpx
 from httpx_retries import Retry, RetryTransport
 
+from app.client.events import EVENT_STREAM
+
 LONGEST_WAIT_SECONDS = 10.0
 MOST_RETRIES = 1000
-NDJSON = "application/x-ndjson"
+IN_PARTS = ("application/x-ndjson", EVENT_STREAM)
+"""Kinds of answers that are read as they come."""
 
 
 def retrying(
@@ -39,17 +42,17 @@ def retrying(
 def read_whole(response: httpx.Response) -> None:
     """Read the body while a connection that breaks off still leads to another attempt.
 
-    But for that of a batch, which is read line by line.
+    But for what comes in parts, and is read as it comes.
     """
-    if not _is_batch(response):
+    if not _comes_in_parts(response):
         response.read()
 
 
 async def read_whole_async(response: httpx.Response) -> None:
     """Do as `read_whole` does."""
-    if not _is_batch(response):
+    if not _comes_in_parts(response):
         await response.aread()
 
 
-def _is_batch(response: httpx.Response) -> bool:
-    return bool(response.headers.get("Content-Type") == NDJSON)
+def _comes_in_parts(response: httpx.Response) -> bool:
+    return bool(response.headers.get("Content-Type", "").startswith(IN_PARTS))

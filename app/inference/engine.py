@@ -15,6 +15,7 @@ from queue import SimpleQueue
 from time import perf_counter
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
 import torch
 
 from app.inference.job import Job
@@ -106,9 +107,9 @@ class Engine:
         _use_no_threads_of_pytorch()
         return ModelStore.load(store, device, self.row_threads, kinds, serving, wanted)
 
-    def bind(self, model: Model, job: Job) -> "EngineProposal":
-        """Return `model` as a learned proposal that samples here, as a part of `job`."""
-        return EngineProposal(self, model, job)
+    def bind(self, model: Model, job: Job, *, keeps_steps: bool = False) -> "EngineProposal":
+        """Return `model` as a learned proposal that samples here; arguments as for its class."""
+        return EngineProposal(self, model, job, keeps_steps=keeps_steps)
 
     def submit(
         self, job: Job, prepare: Callable[[], Sampling]
@@ -244,12 +245,16 @@ class EngineProposal:
         engine: samples.
         model: that it samples from.
         job: whose work the samplings are.
+        keeps_steps: whether candidates come with every step of their denoising.
     """
 
-    def __init__(self, engine: Engine, model: Model, job: Job) -> None:
+    def __init__(
+        self, engine: Engine, model: Model, job: Job, *, keeps_steps: bool = False
+    ) -> None:
         self._engine = engine
         self._model = model
         self._job = job
+        self._keeps_steps = keeps_steps
 
     def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
         """Begin to denoise `noise` (K, H) into controls (K, H); what returns them blocks until
@@ -268,13 +273,16 @@ class EngineProposal:
                 f"the model was trained for another plant or horizon: {self._model.coverage}"
             )
         submitted = perf_counter()
+        steps: list[FloatArray] = []
+        record = steps.append if self._keeps_steps else None
         done = self._engine.submit(
             self._job,
-            lambda: Sampling(self._job, self._model, problem, noise, sampler),
+            lambda: Sampling(self._job, self._model, problem, noise, sampler, record),
         )
 
         def finish() -> Candidates:
             controls, begun = done.result()
-            return Candidates(controls, queue_ms=(begun - submitted) * 1e3)
+            denoising = np.array(steps) if steps else None
+            return Candidates(controls, (begun - submitted) * 1e3, denoising)
 
         return finish

@@ -4,6 +4,7 @@ Prepare, step, finish: a sampling does not run the network. Whoever does may tak
 rows that wait, beside rows of other samplings.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,8 @@ class Sampling:
         problem: start and target.
         noise: (K, H), standard normal.
         sampler: solver, steps and guidance.
+        record: called with the controls (K, H), in units of control, before the first step and
+            after each.
 
     Raises:
         InvalidStepCount: the model has fewer diffusion times than the sampler has steps.
@@ -54,8 +57,10 @@ class Sampling:
         problem: Problem,
         noise: FloatArray,
         sampler: Sampler,
+        record: Callable[[FloatArray], None] | None = None,
     ) -> None:
         self.job = job
+        self._record = record
         self.model = model
         settings, manifest = sampler.settings, model.manifest
         self._guidance_scale = settings.guidance_scale
@@ -72,6 +77,8 @@ class Sampling:
             needed.get(self._guidance_scale, [unconditional, conditional])
         )
         self._u_t, self._time = next(self._steps)
+        if record:
+            record(self._in_units(self._u_t))
         num_rows = len(self._embeddings) * len(noise)
         # Row r belongs to candidate r % K and to embedding r // K.
         self._predictions = self._u_t.new_empty(num_rows, self._u_t.shape[1])
@@ -124,11 +131,15 @@ class Sampling:
         try:
             self._u_t, self._time = self._steps.send(predicted)
         except StopIteration as done:
-            controls: Tensor = done.value
-            middle, half, *_ = self._units
-            self.controls = middle + half * controls.cpu().numpy().astype(np.float64)
+            self.controls = self._in_units(done.value)
         else:
             self._predicted = 0
+        if self._record:
+            self._record(self._in_units(self._u_t) if self.controls is None else self.controls)
+
+    def _in_units(self, controls: Tensor) -> FloatArray:
+        middle, half, *_ = self._units
+        return middle + half * controls.cpu().numpy().astype(np.float64)
 
 
 @torch.inference_mode()

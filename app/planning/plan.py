@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.denoising import Denoising
 from app.planning.metrics import diversity
 from app.planning.problem import Cost, Timing
+from app.planning.reachable.outline import Outline
 from app.planning.reachable.reachability import Reachability
 from app.planning.uncertainty.robustness import Robustness
 
@@ -53,6 +55,8 @@ class Plan:
     terminal_error: float
     reachability: Reachability | None
     """How near any plan could come, where that was asked for."""
+    outline: Outline | None
+    """Of the reachable set, where that was asked for."""
     control_energy: float
     control_smoothness: float
     stuck_steps: int
@@ -62,6 +66,8 @@ class Plan:
     cost: Cost
     timing: Timing
     candidates: RankedCandidates
+    denoising: Denoising | None
+    """How the candidates came out of noise, where that was kept."""
 
     @property
     def gap(self) -> float | None:

@@ -4,19 +4,21 @@ Where the plant is uncertain, refinement and ranking are by the risk over all pl
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.denoising import Denoising
 from app.planning.methods.base import Method, propose_many
 from app.planning.metrics import control_energy, control_smoothness, stuck_steps, terminal_error
 from app.planning.objectives import best_candidate
 from app.planning.plan import MultistepPlan, Plan, RankedCandidates, RefinementEffect
 from app.planning.plant.rollout import rollout_many
 from app.planning.problem import Cost, PlanningError, Problem, Timing
+from app.planning.reachable.outline import outline
 from app.planning.reachable.reachability import Reachability, reachability
 from app.planning.recipe import Recipe
 from app.planning.refining.gauss_newton import EXACT
@@ -107,6 +109,11 @@ def plan_many(
         _bound(problem, recipe, result, stop)
         for problem, result in zip(problems, refined, strict=True)
     ]
+    shapes = [outline(problem, stop) if recipe.outline else None for problem in problems]
+    denoising = [
+        None if proposal.denoising is None else Denoising.of(problem, proposal.denoising)
+        for problem, proposal in zip(problems, proposals, strict=True)
+    ]
     robustness = [
         judge(problem, own, float(error), recipe.uncertainty) if recipe.uncertainty else None
         for problem, own, error in zip(problems, chosen, errors[each, best], strict=True)
@@ -127,6 +134,7 @@ def plan_many(
             states=passed[i],
             terminal_error=float(errors[i, best[i]]),
             reachability=bounds[i],
+            outline=shapes[i],
             control_energy=float(energies[i]),
             control_smoothness=float(smoothnesses[i]),
             stuck_steps=int(stuck[i]),
@@ -135,6 +143,7 @@ def plan_many(
             cost=unrefined + Cost(rollouts=result.rollouts) if result else unrefined,
             timing=timing,
             candidates=RankedCandidates(controls[i], states[i], errors[i]),
+            denoising=denoising[i],
         )
         for i, result in enumerate(refined)
     ]
@@ -151,7 +160,7 @@ def _refined(
     if recipe.refinement is None:
         return None
     refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
-    if recipe.uncertainty:
+    if recipe.uncertainty and recipe.uncertainty.is_robust:
         return refine_robustly(problem, refined, recipe.uncertainty, rng, stop)
     return refined
 
@@ -166,7 +175,7 @@ def _best(
 ) -> int:
     """Return the index of the best of K candidates: by their risks where there are any."""
     error_limit = math.inf
-    if recipe.uncertainty:
+    if recipe.uncertainty and recipe.uncertainty.is_robust:
         errors = recipe.uncertainty.risks(controls, problem.target_state)
     elif refined:
         error_limit = float(refined.errors_before.min()) + EXACT
@@ -196,6 +205,7 @@ def plan_multistep(
     recipe: Recipe[Method],
     rng: np.random.Generator,
     stop: Stop = NEVER,
+    told: Callable[[Plan], None] = lambda _: None,
 ) -> MultistepPlan:
     """Plan to each of `target_states` in turn, from the state that the plan before it reached.
 
@@ -208,6 +218,7 @@ def plan_multistep(
         recipe: how to plan each segment.
         rng: every random draw comes from it.
         stop: ends the planning early.
+        told: called with each segment as soon as it is planned.
 
     Raises:
         ValueError: no targets.
@@ -219,6 +230,7 @@ def plan_multistep(
     for target_state in target_states:
         segment = replace(problem, initial_state=state, target_state=target_state)
         segments.append(plan(segment, recipe, rng, stop))
+        told(segments[-1])
         state = segments[-1].states[-1]
         if recipe.uncertainty:
             uncertainty = recipe.uncertainty.after(segments[-1].controls)

@@ -119,3 +119,6 @@ class Candidates:
 
     controls: FloatArray
     queue_ms: float = 0.0
+    denoising: FloatArray | None = None
+    """(S+1, K, H), units of control: before S denoising steps, after each, and so at last
+    `controls`. Of methods that denoise, where it is kept."""

@@ -32,6 +32,8 @@ class Recipe(Generic[Choice_co]):
     """What ranks candidates that arrive equally well."""
     reachability: bool = False
     """Whether the plan also says how near any plan could come, which takes about 0.7 ms."""
+    outline: bool = False
+    """Whether the plan comes with the outline of the reachable set, which takes about 2 ms."""
     uncertainty: Uncertainty | None = None
     """Plants that may be the true one: their errors rank the candidates, and refinement is for all
     of them. None plans for the plant of the problem alone."""

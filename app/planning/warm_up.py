@@ -28,8 +28,9 @@ def make_refined_plans() -> None:
 
 
 def make_bounded_plan() -> None:
-    """Plan with the reachable set, and out of it."""
-    plan(_PROBLEM, Recipe(DatasetPrior(), 2, reachability=True), np.random.default_rng(0))
+    """Plan with the reachable set and its outline, and out of it."""
+    recipe = Recipe(DatasetPrior(), 2, reachability=True, outline=True)
+    plan(_PROBLEM, recipe, np.random.default_rng(0))
     trace(_PROBLEM)
 
 

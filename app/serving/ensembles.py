@@ -30,7 +30,13 @@ def uncertainty_of(
     if asked.systems is not None:
         _check_shared(asked.systems, system)
         given = Ensemble.of(asked.systems, state)
-        return Uncertainty(given, given, risk=asked.measure, num_motions=asked.num_motions)
+        return Uncertainty(
+            given,
+            given,
+            risk=asked.measure,
+            num_motions=asked.num_motions,
+            is_robust=asked.robust,
+        )
     assert asked.relative is not None
     # Apart from the seed's own draws: a request without uncertainty has the same candidates.
     design_rng, judges_rng = np.random.default_rng(seed).spawn(2)
@@ -47,6 +53,7 @@ def uncertainty_of(
         risk=asked.measure,
         num_motions=asked.num_motions,
         relative=asked.relative,
+        is_robust=asked.robust,
     )
 
 

@@ -4,7 +4,7 @@ Plain blocking code: the routes plan in a thread, the command line calls it as i
 """
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from time import perf_counter
@@ -17,6 +17,7 @@ from app.planning.arrays import FloatArray
 from app.planning.methods import WarmStarted
 from app.planning.methods.base import Method, MethodOptions
 from app.planning.methods.settling import needs_model
+from app.planning.plan import Plan
 from app.planning.planner import plan_many, plan_multistep
 from app.planning.plant.system import System
 from app.planning.problem import (
@@ -28,12 +29,14 @@ from app.planning.problem import (
     state_after,
 )
 from app.planning.recipe import Recipe
+from app.planning.uncertainty.robustness import NUM_SHOWN
+from app.planning.uncertainty.uncertainty import MAX_SYSTEMS, NUM_JUDGES
 from app.serving.admission import Work
+from app.serving.answer_fields import multistep_fields, segment_fields, timing_fields
 from app.serving.ensembles import uncertainty_of
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
-from app.serving.reports import multistep_fields, segment_fields, timing_fields
 from app.settings import Settings
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest, State
@@ -48,6 +51,9 @@ R = TypeVar("R", PlanRequest, MultistepPlanRequest)
 REACHABILITY_STEPS = 60_000
 """The reachable set takes about as long as so many simulated time steps."""
 
+OUTLINE_NUMBERS = 1500
+"""Of the outline of a reachable set, about."""
+MAX_JUDGES = max(NUM_JUDGES, MAX_SYSTEMS)
 BYTES_PER_NUMBER = 21
 """Of an answer's text, about: 17 digits and what goes with them."""
 
@@ -101,28 +107,36 @@ class PlanningService:
             samplers = model.manifest.samplers
         recipe = asked.settled(samplers)
         cost = recipe.cost()
-        self._check_cost(request, cost, horizon, num_targets)
+        stages = _denoising_stages(request, cost)
+        self._check_cost(request, cost, stages, horizon, num_targets)
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
         repairs = recipe.refinement is not None and recipe.refinement.repair
         # Twice as long where a plan is traced back.
-        num_sets = 2 if repairs else int(recipe.reachability)
+        num_sets = (2 if repairs else int(recipe.reachability)) + int(recipe.outline)
+        rollouts = cost.rollouts + stages * recipe.num_candidates
         work = Work(
             recipe.num_candidates * cost.network_evaluations * num_targets,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
             model=model,
             rows_per_step=cost.predictions_per_step * recipe.num_candidates,
-            rollout_steps=(cost.rollouts * horizon + num_sets * REACHABILITY_STEPS) * num_targets,
+            rollout_steps=(rollouts * horizon + num_sets * REACHABILITY_STEPS) * num_targets,
             kind=_kind(recipe),
-            answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, horizon) * num_targets,
+            answer_bytes=BYTES_PER_NUMBER * _answer_numbers(request, stages, horizon) * num_targets,
         )
         return ResolvedRequest(request, num_targets, recipe, system, horizon, seed, model, work)
 
-    def answer(self, resolved: "ResolvedRequest[Any]", waited_ms: float = 0.0) -> dict[str, Any]:
+    def answer(
+        self,
+        resolved: "ResolvedRequest[Any]",
+        waited_ms: float = 0.0,
+        told: Callable[[dict[str, Any]], None] | None = None,
+    ) -> dict[str, Any]:
         """Plan, and say what came of it.
 
         Args:
             resolved: what to plan.
             waited_ms: how long the request waited before this call, for the answer's timing.
+            told: called with the fields of each `Segment` of several, as soon as it is planned.
 
         Returns:
             The fields of a `PlanResponse` or, for several targets, a `MultistepPlanResponse`, as
@@ -138,7 +152,12 @@ class PlanningService:
             targets = [as_state(target) for target in request.targets]
             rng = np.random.default_rng(resolved.seed)
             problem, stop = resolved.problem(request.targets[0]), resolved.work.stop
-            plans = plan_multistep(problem, targets, self._able(resolved), rng, stop)
+
+            def tell(segment: Plan) -> None:
+                if told:
+                    told(segment_fields(segment, request.include))
+
+            plans = plan_multistep(problem, targets, self._able(resolved), rng, stop, tell)
             timing, fields = plans.timing, multistep_fields(plans, request.include)
             fields["timing_ms"] = timing_fields(Timing(queue=waited_ms) + timing)
             answer = resolved.provenance() | fields
@@ -180,7 +199,8 @@ class PlanningService:
         proposal = None
         if resolved.model:
             assert self._engine is not None
-            proposal = self._engine.bind(resolved.model, resolved.work)
+            keeps_steps = "denoising" in resolved.request.include
+            proposal = self._engine.bind(resolved.model, resolved.work, keeps_steps=keeps_steps)
         recipe = resolved.recipe.able(proposal)
         if recipe.uncertainty:
             pending = np.array(resolved.request.pending_controls)
@@ -213,8 +233,8 @@ class PlanningService:
         """Refuse what is too large, whatever it costs."""
         settings = self._settings
         candidate_steps = request.num_candidates * horizon * num_targets
-        numbers_each = 3 if "states" in request.include else 1
-        answer_numbers = candidate_steps * numbers_each if "candidates" in request.include else 0
+        are_sent = "candidates" in request.include
+        answer_numbers = candidate_steps * _numbers_a_step(request) if are_sent else 0
         _check(
             ("/num_candidates", "candidates", request.num_candidates, settings.max_candidates),
             ("/horizon", "time steps", horizon, settings.max_horizon),
@@ -233,7 +253,9 @@ class PlanningService:
             ),
         )
 
-    def _check_cost(self, request: AnyRequest, cost: Cost, horizon: int, num_targets: int) -> None:
+    def _check_cost(
+        self, request: AnyRequest, cost: Cost, stages: int, horizon: int, num_targets: int
+    ) -> None:
         """Refuse what costs too much."""
         settings = self._settings
         _check(
@@ -248,6 +270,12 @@ class PlanningService:
                 "simulated time steps (rollouts x horizon x targets)",
                 cost.rollouts * horizon * num_targets,
                 settings.max_rollout_steps,
+            ),
+            (
+                "/include",
+                "numbers of candidates at all steps of their denoising",
+                stages * request.num_candidates * horizon * _numbers_a_step(request) * num_targets,
+                settings.max_answer_numbers,
             ),
         )
 
@@ -336,13 +364,34 @@ def _kind(recipe: Recipe[MethodOptions]) -> str:
     """Return the kind of plans that take about as long for a simulated time step."""
     if recipe.refinement is None:
         return recipe.method.name
-    if recipe.uncertainty:
+    if recipe.uncertainty and recipe.uncertainty.is_robust:
         return f"{recipe.method.name}, refined for uncertain plants"
     return f"{recipe.method.name}, refined for {recipe.objective.name}"
 
 
-def _answer_numbers(request: AnyRequest, horizon: int) -> int:
-    """Return how many numbers of arrays an answer has for each target."""
+def _denoising_stages(request: AnyRequest, cost: Cost) -> int:
+    """Return how many stages of each candidate's denoising an answer has, the noise included."""
+    if "denoising" not in request.include or not cost.network_evaluations:
+        return 0
+    return 1 + cost.network_evaluations // cost.predictions_per_step
+
+
+def _answer_numbers(request: AnyRequest, stages: int, horizon: int) -> int:
+    """Return how many numbers of arrays an answer has for each target, about."""
+    include = request.include
     own = 2 if isinstance(request, MultistepPlanRequest) else 1  # in the segment, and in all
-    sequences = own + (request.num_candidates if "candidates" in request.include else 0)
-    return sequences * horizon * (3 if "states" in request.include else 1)
+    sequences = own + (request.num_candidates if "candidates" in include else 0)
+    sequences += stages * request.num_candidates
+    numbers = sequences * horizon * _numbers_a_step(request)
+    if "candidate_errors" in include:
+        numbers += request.num_candidates
+    if "reachable_set" in include:
+        numbers += OUTLINE_NUMBERS
+    if "ensemble" in include and request.uncertainty:
+        numbers += MAX_JUDGES + 2 * NUM_SHOWN * (horizon + 1)
+    return numbers
+
+
+def _numbers_a_step(request: AnyRequest) -> int:
+    """Return how many numbers each time step of a sequence has: its control, and its state."""
+    return 3 if "states" in request.include else 1

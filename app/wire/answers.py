@@ -75,6 +75,33 @@ class CandidatesReport(WireModel):
     states: list[list[tuple[float, float]]] | None = Field(None, description="(K, H+1, 2).")
 
 
+class ReachableSet(WireModel):
+    """Where the plant can be after the horizon, whatever the controls."""
+
+    polygons: list[list[tuple[float, float]]] = Field(
+        description="Their union is the set, to within a hundredth of its width: corners, position "
+        "(m) and velocity (m/s), in order."
+    )
+    at_rest: list[tuple[float, float]] = Field(
+        description="Intervals of positions (m) at which it can be at rest."
+    )
+
+
+class DenoisingReport(WireModel):
+    """The candidates on their way from noise to plans: before the S steps, and after each."""
+
+    controls: list[list[list[float]]] = Field(
+        description="(S+1, K, H), units of control; noise exceeds the limits. The last ones are "
+        "the candidates, before any refinement."
+    )
+    terminal_errors: list[list[float]] = Field(
+        description="(S+1, K): of these controls, held to the limits."
+    )
+    states: list[list[list[tuple[float, float]]]] | None = Field(
+        None, description="(S+1, K, H+1, 2): the same."
+    )
+
+
 class Segment(WireModel):
     """A plan: the best candidate, and the measures of that very rollout."""
 
@@ -101,6 +128,11 @@ class Segment(WireModel):
     cost: CostReport
     timing_ms: TimingReport
     candidates: CandidatesReport | None = None
+    candidate_errors: list[float] | None = Field(
+        None, description="(K,): terminal errors of the candidates, as they were ranked."
+    )
+    reachable_set: ReachableSet | None = None
+    denoising: DenoisingReport | None = None
 
 
 class _Provenance(WireModel):

@@ -35,7 +35,9 @@ State = Annotated[
     ARRAY,
     Field(description="Position (m) and velocity (m/s).", examples=[[0.2, 0.0]]),
 ]
-Inclusion: TypeAlias = Literal["states", "candidates"]
+Inclusion: TypeAlias = Literal[
+    "states", "candidates", "candidate_errors", "reachable_set", "denoising", "ensemble"
+]
 MethodName = TypeAliasType(
     "MethodName",
     Annotated[
@@ -165,8 +167,11 @@ class Shared(Asked):
     )
     include: Annotated[list[Inclusion], ARRAY] = Field(
         ["states"],
-        description="What the answer holds beside controls and measures.",
-        max_length=2,
+        description="What the answer holds beside controls and measures: the `states` of all that "
+        "is sent, the `candidates` or only their errors, the outline of the `reachable_set`, every "
+        "step of the `denoising` (of action_diffusion), and what the plan does on the `ensemble` "
+        "of `uncertainty`.",
+        max_length=6,
     )
 
     @field_validator("initial")
@@ -191,6 +196,7 @@ class Shared(Asked):
             self.refine,
             OBJECTIVES[self.objective],
             self.reachability,
+            outline="reachable_set" in self.include,
         )
 
 

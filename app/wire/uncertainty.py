@@ -46,6 +46,11 @@ class Uncertainty(Asked):
         NUM_SYSTEMS, description="How many plants to draw with `relative`."
     )
     risk: RiskField = Field("mean", description="What ranks plans, over the plants' errors.")
+    robust: bool = Field(
+        True,
+        description="False makes the plan for `system` alone, as without `uncertainty`, and only "
+        "says what it is worth on the plants.",
+    )
     num_motions: Annotated[int, Field(ge=1, le=MAX_MOTIONS)] = Field(
         DEFAULT_MOTIONS,
         description="With `refine`: motions that the search for a robust plan starts from, beside "
@@ -88,4 +93,12 @@ class RobustnessReport(WireModel):
         None,
         description="The least r.m.s. error that any control sequence can have, to first order in "
         "the shares of `relative`. From rest to rest, without Stribeck's effect; absent otherwise.",
+    )
+    errors: list[float] | None = Field(
+        None, description="(S,): of each plant. Where the ensemble is asked for, like `fan`."
+    )
+    fan: list[list[tuple[float, float]]] | None = Field(
+        None,
+        description="(at most 32, H+1, 2): the states of the plan on some of the plants, spread "
+        "evenly over them.",
     )

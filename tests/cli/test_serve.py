@@ -13,6 +13,7 @@ import pytest
 
 from app.launch import START_SECONDS, free_port
 from tests.cli.command import invoke
+from tests.served import wait_until
 
 
 def test_a_tampered_model_is_not_served(tampered_store: Path) -> None:
@@ -53,10 +54,16 @@ def test_keys_that_cannot_be_used_are_said(
     assert str(tmp_path / file) in done.stderr
 
 
-def test_it_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> None:
+def test_it_serves_shows_its_page_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> None:
     port = free_port()
-    command = [sys.executable, "-m", "app", "serve", "--port", str(port)]
-    environment = os.environ | {"BREAKAWAY_MODEL_STORE": str(model_store)}
+    browser, shown = tmp_path / "browser", tmp_path / "shown"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {shown}\n')
+    browser.chmod(0o755)
+    command = [sys.executable, "-m", "app", "serve", "--open", "--port", str(port)]
+    environment = os.environ | {
+        "BREAKAWAY_MODEL_STORE": str(model_store),
+        "BROWSER": f"{browser} %s",
+    }
     with (
         (tmp_path / "log").open("w") as log,
         subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=log) as server,
@@ -71,6 +78,8 @@ def test_it_serves_and_ends_on_sigterm(model_store: Path, tmp_path: Path) -> Non
             answer = httpx.post(f"http://127.0.0.1:{port}/plan", json=body, timeout=START_SECONDS)
             assert answer.status_code == 200
             assert answer.json()["model"]["name"] == "tiny"
+            wait_until(lambda: shown.exists() and bool(shown.read_text()))
+            assert shown.read_text() == f"http://127.0.0.1:{port}/\n"
         finally:
             server.send_signal(signal.SIGTERM)
         assert server.wait(START_SECONDS) in (0, -signal.SIGTERM)

@@ -303,3 +303,29 @@ def test_a_service_that_comes_back_is_waited_for(model_store: Path, plan: Plan) 
         with running(create_app(Settings(model_store=model_store)), port):
             answer = asked.result()
     assert without_times(answer) == without_times(in_process(UNIFORM))
+
+
+def streamed(request: MultistepPlanRequest, url: str) -> list[Any]:
+    with PlannerClient(url) as client:
+        return list(client.stream_multistep(request))
+
+
+def streamed_asynchronously(request: MultistepPlanRequest, url: str) -> list[Any]:
+    async def stream() -> list[Any]:
+        async with AsyncPlannerClient(url) as client:
+            return [part async for part in client.stream_multistep(request)]
+
+    return asyncio.run(stream())
+
+
+@pytest.mark.parametrize("stream", [streamed, streamed_asynchronously])
+def test_segments_are_iterated_over_and_the_whole_comes_last(
+    stream: Callable[[MultistepPlanRequest, str], list[Any]], url: str
+) -> None:
+    asked = {"initial_state": (0, 0), "targets": [(0.1, 0), (0.2, 0)], "method": "cem", "seed": 1}
+    *segments, whole = stream(MultistepPlanRequest.model_validate(asked), url)
+    assert segments == whole.segments
+    assert len(segments) == 2
+    refused = MultistepPlanRequest.model_validate(asked | {"model": "none"})
+    with pytest.raises(RequestRefused, match="none"):
+        stream(refused, url)

@@ -45,6 +45,7 @@ def test_settling_a_method_and_giving_it_a_model_leave_the_rest_of_the_recipe_al
         "refinement": Refinement(repair=False),
         "objective": CONTROL_ENERGY,
         "reachability": True,
+        "outline": True,
         "uncertainty": Uncertainty(ensemble, ensemble),
     }
     assert {"method", *chosen} == {field.name for field in fields(Recipe)}

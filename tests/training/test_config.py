@@ -211,6 +211,7 @@ def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
 
     assert isinstance(machines.data, PlansConfig)
     assert isinstance(longer.data, PlansConfig)
+    assert isinstance(residual.data, PlansConfig)
     assert (machines.data.horizon, longer.data.horizon) == (64, 128)
     assert longer.data.experts == machines.data.experts == residual.data.experts
     assert longer.samplers == machines.samplers == residual.samplers

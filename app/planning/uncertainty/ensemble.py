@@ -12,7 +12,7 @@ import numpy as np
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
 from app.planning.metrics import terminal_error
-from app.planning.plant.rollout import terminal_state
+from app.planning.plant.rollout import rollout_on, terminal_state
 from app.planning.plant.system import Plant, System
 from app.planning.plant.task import Task
 
@@ -77,6 +77,15 @@ class Ensemble:
         """Return the states that `controls` (K, H) lead to on every plant: (K, S, 2)."""
         nowhere = self.scenarios(np.zeros(2))
         return _terminal_states(np.ascontiguousarray(controls, dtype=np.float64), nowhere)
+
+    def trajectories(self, controls: FloatArray) -> FloatArray:
+        """Return the states that `controls` (H,) lead through on every plant: (S, H+1, 2)."""
+        plants = (Plant(*row.tolist()) for row in self.plants)
+        each = [
+            rollout_on(plant, state, controls[np.newaxis])[0]
+            for plant, state in zip(plants, self.states, strict=True)
+        ]
+        return np.array(each)
 
     def scenarios(self, target_state: FloatArray) -> Scenarios:
         """Return the task of getting to `target_state` (2,) as the kernels take it."""

@@ -9,6 +9,8 @@ from app.planning.problem import Problem
 from app.planning.uncertainty.risk import Risk
 from app.planning.uncertainty.uncertainty import Uncertainty
 
+NUM_SHOWN = 32
+"""Plants whose trajectories are kept."""
 TOLERANCES = (0.01, 0.05)
 """m: errors that count as having arrived."""
 
@@ -32,6 +34,10 @@ class Robustness:
     """On the plant of the problem."""
     first_order_bound: float | None
     """The least r.m.s. error of any control sequence, to first order; None where none is known."""
+    errors: FloatArray
+    """(S,): of each plant."""
+    fan: FloatArray
+    """(min(S, 32), H+1, 2): what the plan does on some of the plants, spread evenly."""
 
 
 def judge(
@@ -40,6 +46,7 @@ def judge(
     """Carry `controls` (H,) out on every plant, and measure how near they end."""
     errors = uncertainty.judges.errors(controls[np.newaxis], problem.target_state)[0]
     median, nine_in_ten = np.quantile(errors, (0.5, 0.9)).tolist()
+    few = uncertainty.judges.spread(NUM_SHOWN)
     bound = None
     starts_are_known = np.all(uncertainty.ensemble.states == problem.initial_state)
     if uncertainty.relative and starts_are_known:
@@ -56,4 +63,6 @@ def judge(
         within={f"{limit:g}": float(np.mean(errors <= limit)) for limit in TOLERANCES},
         nominal_error=nominal_error,
         first_order_bound=bound,
+        errors=errors,
+        fan=few.trajectories(controls),
     )

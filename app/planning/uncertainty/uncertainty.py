@@ -51,6 +51,8 @@ class Uncertainty:
     """Drawn, beside the candidates, as starts of a robust refinement."""
     relative: Relative | None = None
     """How the plants were drawn; None where they were given."""
+    is_robust: bool = True
+    """Whether plans are made for all the plants, or for the problem's own and judged on them."""
 
     def after(self, controls: FloatArray) -> "Uncertainty":
         """Return what is uncertain once `controls` (N,) have been carried out."""
@@ -72,6 +74,8 @@ class Uncertainty:
 
     def cost(self, num_candidates: int, *, refined: bool) -> Cost:
         """Return what ranking and judging take, and with `refined` an estimate of the search."""
+        if not self.is_robust:
+            return Cost(rollouts=len(self.judges))
         rollouts = num_candidates * len(self.ensemble) + len(self.judges)
         if refined:
             few = min(NUM_FEW, len(self.ensemble))

@@ -1,14 +1,16 @@
-"""Plans as the fields of answers: None for what is absent, and numpy's arrays as they are.
+"""From plans to the fields of an answer, with numpy's arrays as they are: `json_parts` writes them.
 
-Of a million numbers Python would make a million objects; json_parts.py writes them without.
+None is what is absent. The fields are those of the models in app/wire/answers.py.
 """
 
 from collections.abc import Container
 from dataclasses import asdict
 from typing import Any
 
+from app.planning.denoising import Denoising
 from app.planning.plan import MultistepPlan, Plan, RefinementEffect
 from app.planning.problem import Cost, Timing
+from app.planning.reachable.outline import Outline
 from app.planning.reachable.reachability import Reachability
 from app.planning.uncertainty.robustness import Robustness
 from app.wire.answers import ReachabilityReport
@@ -26,7 +28,7 @@ def segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, Any
         "gap": result.gap,
         "reachability": result.reachability and _reachability_fields(result.reachability),
         "refinement": result.refinement and _refinement_fields(result.refinement),
-        "robustness": result.robustness and _robustness_fields(result.robustness),
+        "robustness": result.robustness and _robustness_fields(result.robustness, include),
         "control_energy": result.control_energy,
         "control_smoothness": result.control_smoothness,
         "stuck_steps": result.stuck_steps,
@@ -40,6 +42,9 @@ def segment_fields(result: Plan, include: Container[Inclusion]) -> dict[str, Any
         }
         if "candidates" in include
         else None,
+        "candidate_errors": candidates.terminal_errors if "candidate_errors" in include else None,
+        "reachable_set": result.outline and _outline_fields(result.outline),
+        "denoising": result.denoising and _denoising_fields(result.denoising, include),
     }
 
 
@@ -57,11 +62,28 @@ def _reachability_fields(reachability: Reachability) -> dict[str, Any]:
     return {name: getattr(reachability, name) for name in ReachabilityReport.model_fields}
 
 
-def _robustness_fields(robustness: Robustness) -> dict[str, Any]:
+def _robustness_fields(robustness: Robustness, include: Container[Inclusion]) -> dict[str, Any]:
     """Return the fields of a `RobustnessReport`, with the risk as it was asked for."""
     risk = robustness.risk
-    asked_for = {"cvar": risk.level} if risk.name == "cvar" else risk.name
-    return asdict(robustness) | {"risk": asked_for}
+    fields = asdict(robustness)
+    fields["risk"] = {"cvar": risk.level} if risk.name == "cvar" else risk.name
+    if "ensemble" not in include:
+        fields |= {"errors": None, "fan": None}
+    return fields
+
+
+def _outline_fields(outline: Outline) -> dict[str, Any]:
+    """Return the fields of a `ReachableSet`."""
+    return {"polygons": list(outline.polygons), "at_rest": outline.at_rest}
+
+
+def _denoising_fields(denoising: Denoising, include: Container[Inclusion]) -> dict[str, Any]:
+    """Return the fields of a `DenoisingReport`."""
+    return {
+        "controls": denoising.controls,
+        "terminal_errors": denoising.terminal_errors,
+        "states": denoising.states if "states" in include else None,
+    }
 
 
 def multistep_fields(result: MultistepPlan, include: Container[Inclusion]) -> dict[str, Any]:

@@ -1,0 +1,52 @@
+// Tables of measures: what a plan came to, in rows or beside others.
+
+import { distance, h, short } from "./dom.js";
+import { machine } from "./request.js";
+
+/** A list of terms and values that keeps its place while it waits. */
+export const measures = (entries) => h("dl", { class: "measures" }, entries.map(([term, value, title]) => h("div", { title }, h("dt", {}, term), h("dd", {}, value))));
+
+export function ofPlan(plan) {
+  const { position_unit: unit } = machine();
+  return [
+    ["Error", distance(plan.terminal_error, unit), "Distance of the last state from the target"],
+    ["Floor", distance(plan.reachability.floor, unit), "The least error that any control sequence can have"],
+    ["Gap", distance(plan.gap, unit), "Error less the floor: what the method is to blame for"],
+    ["Energy", short(plan.control_energy), "Sum of the squared controls"],
+    ["Stuck steps", String(plan.stuck_steps), "Steps at rest, too weak a push, off the target"],
+    ["Rollouts", String(plan.cost.rollouts), "Control sequences that were simulated"],
+    ["Time", `${short(plan.timing_ms.total)} ms`, "In the service"],
+  ];
+}
+
+/** A table; cells are text or elements. */
+export const table = (caption, head, rows) => h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption },
+  h("table", {},
+    h("caption", {}, caption),
+    h("thead", {}, h("tr", {}, head.map((cell) => h("th", { scope: "col" }, cell)))),
+    h("tbody", {}, rows.map((cells) => h("tr", {}, cells.map((cell, index) => h(index ? "td" : "th", index ? {} : { scope: "row" }, cell)))))));
+
+/** A place for a table, as high as its rows will be. */
+export function reserve(rows) {
+  const place = h("div", { class: "results" });
+  place.style.minHeight = `${64 + 30 * rows}px`;
+  return place;
+}
+
+/** The colour of a line beside its name. */
+export const swatch = (index, name) => h("span", {}, h("i", { class: `swatch series-${index}` }), name);
+
+/** Say what came of a plan, for somebody who sees it for the first time. */
+export function verdict(plan) {
+  const { position_unit: unit } = machine();
+  const { reachability: reach } = plan;
+  const seconds = plan.controls.length * plan.system.time_step;
+  const steps = `${plan.controls.length} steps (${short(seconds)} s)`;
+  if (!reach.reachable) {
+    return `This target cannot be reached in ${steps}, whatever the method: the nearest that any plan ends is ${distance(reach.floor, unit)} away (the floor). This plan ends ${distance(plan.terminal_error, unit)} away. More steps, a higher limit or another target would help.`;
+  }
+  const can = `The target can be reached in ${reach.minimum_steps} of the ${steps}`;
+  if (plan.gap < 1e-5) return `${can}, and this plan arrives.`;
+  if (plan.gap < 0.01) return `${can}; this plan ends ${distance(plan.gap, unit)} off. Refinement would close that gap.`;
+  return `${can}, but this plan ends ${distance(plan.gap, unit)} off: the method's fault, not the machine's. Try refinement, more candidates or another method.`;
+}

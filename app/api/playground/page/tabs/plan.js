@@ -1,0 +1,66 @@
+// Plan: a start, a target, a plan; what can be reached, and what the mass does.
+
+import { numbers, set } from "../address.js";
+import { ask } from "../api.js";
+import { extent, around } from "../charts/chart.js";
+import { PhasePlane } from "../charts/phase.js";
+import { Motion } from "../charts/motion.js";
+import { inWords } from "../controls.js";
+import { h } from "../dom.js";
+import { measures, ofPlan, verdict } from "../measures.js";
+import { machine, number, planned } from "../request.js";
+import { offerShare } from "../share.js";
+import { Track } from "../track.js";
+
+export const name = "plan";
+export const title = "Plan";
+export const parts = ["task", "method", "machine"];
+
+const MOST_DRAWN = 256;
+
+export function open(view) {
+  const { position_unit: unit, control_unit: controlUnit } = machine();
+  const words = h("p", { class: "verdict" }, " ");
+  const friction = h("span");
+  const numbersPlace = h("div", { class: "numbers" });
+  const plane = new PhasePlane(unit, (which, state) => set({ [which]: state.join(",") }));
+  const motion = new Motion({ unit, controlUnit, seek: (time) => track.seek(time) });
+  const track = new Track(unit, controlUnit, (time, state) => { motion.mark(time); plane.mark(state); });
+  view.replaceChildren(
+    words, numbersPlace, track.element,
+    h("div", { class: "split" },
+      h("div", { class: "column" }, plane.element, legend(), notes(friction)),
+      h("div", { class: "column" }, motion.elements)),
+  );
+  numbersPlace.replaceChildren(measures([["Error", "–"], ["Floor", "–"], ["Gap", "–"], ["Energy", "–"], ["Stuck steps", "–"], ["Rollouts", "–"], ["Time", "–"]]));
+
+  return async (signal) => {
+    const drawn = number("k") <= MOST_DRAWN ? ["candidates"] : [];
+    const body = planned(["states", "reachable_set", ...drawn]);
+    const begun = performance.now();
+    const plan = await ask("plan", body, signal);
+    const [start, target] = [plan.predicted_initial_state ?? plan.states[0], numbers("target")];
+    const targets = [{ from: 0, to: plan.controls.length, position: target[0], velocity: target[1] }];
+    words.textContent = verdict(plan);
+    friction.textContent = inWords(plan.system);
+    numbersPlace.replaceChildren(measures(ofPlan(plan)));
+    plane.show({ start, target, plan });
+    motion.show({ plan, targets });
+    track.show(plan, targets, around(...extent([...plan.states.map((state) => state[0]), start[0], target[0]]), 0.1));
+    offerShare([{ path: "plan", body: planned() }], [{ name: plan.method, plan }]);
+    performance.measure("plan", { start: begun });
+    const hidden = drawn.length ? "" : `; candidates are drawn up to K = ${MOST_DRAWN}`;
+    return `Planned in ${plan.timing_ms.total.toFixed(1)} ms${hidden}.`;
+  };
+}
+
+/** What somebody who sees it for the first time wants to know. */
+const notes = (friction) => h("dl", { class: "notes" }, [
+  ["Why does a small push do nothing?", friction],
+  ["What is the floor?", "The least error that any controls can end with, in so many steps, by the physics alone. Inside the blue area it is 0; outside, no method arrives."],
+  ["Which method?", "To arrive exactly: dataset prior, refined. For near and smooth plans without refinement: action diffusion. Compare shows them side by side."],
+].map(([question, answer]) => h("div", {}, h("dt", {}, question), h("dd", {}, answer))));
+
+const legend = () => h("ul", { class: "legend" },
+  [["best", "the plan"], ["candidate", "candidates, the better the bluer"], ["set", "what can be reached"], ["rest", "where it can be at rest"]]
+    .map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));

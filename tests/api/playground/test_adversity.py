@@ -1,0 +1,71 @@
+"""The playground where the service is busy, away, or asks for a key."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from app.launch import free_port
+from app.main import create_app
+from app.settings import Settings
+from tests.browser import Visit, chromium, needs_chromium
+from tests.served import client_of, running, wait_until_ready
+
+pytestmark = needs_chromium
+
+KEY = "a-key-for-the-laboratory"
+QUICK = "method=dataset_prior&refine=yes"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+def test_a_busy_service_is_asked_again(browser: Browser, tmp_path: Path) -> None:
+    settings = Settings(model_store=tmp_path, max_pending_rollout_steps=1_000_000)
+    with running(create_app(settings), settings=settings) as url, client_of(url) as client:
+        wait_until_ready(client)
+        shown = Visit(browser, url, "method=cem&k=512")
+        shown.says("Asking again in 1 s")
+        shown.says("simulated time steps would be pending")
+        shown.fill("Candidates K", "16")
+        shown.says("Planned")
+        shown.is_quiet(refusals=True)
+
+
+def test_a_service_that_goes_away_is_waited_for(browser: Browser, tmp_path: Path) -> None:
+    settings, port = Settings(model_store=tmp_path), free_port()
+    with running(create_app(settings), port, settings) as url, client_of(url) as client:
+        wait_until_ready(client)
+        shown = Visit(browser, url, QUICK)
+        shown.says("Planned")
+    shown.fill("Target position", "0.4")
+    shown.says("the service cannot be reached. Asking again")
+    with running(create_app(settings), port, settings):
+        shown.says("Planned")
+        expect(shown.page.locator(".verdict")).to_contain_text("this plan arrives")
+        shown.is_quiet(refusals=True)
+
+
+def test_a_key_is_asked_for_and_kept_in_memory_alone(browser: Browser, tmp_path: Path) -> None:
+    settings = Settings(model_store=tmp_path, api_keys=KEY)
+    with running(create_app(settings), settings=settings) as url, client_of(url) as client:
+        client.headers["Authorization"] = f"Bearer {KEY}"
+        wait_until_ready(client)
+        shown = Visit(browser, url, QUICK)
+        refusal = shown.page.locator("#key-error")
+        expect(refusal).to_have_text("send a valid key as Authorization: Bearer <key>")
+        shown.fill("API key", "a-wrong-key-0123456789")
+        expect(shown.page.get_by_label("API key")).to_have_attribute("aria-invalid", "true")
+        shown.fill("API key", KEY)
+        shown.says("Planned")
+        expect(refusal).to_be_empty()
+        shown.page.get_by_text("The same request elsewhere").click()
+        assert KEY not in shown.page.content()
+        assert KEY not in shown.address
+        kept = shown.page.evaluate("[...Object.entries(localStorage), document.cookie].join()")
+        assert kept == ""
+        shown.is_quiet(refusals=True)

@@ -87,7 +87,7 @@ def identify(
     excitation: Any,
     **fields: Any,
 ) -> None:
-    """Identify a machine from a log: friction, stiction, gain, bias and delay, and how sure it is.
+    """Identify a machine from a log, and say how sure that is.
 
     A LOG has columns by name: .csv, .json or .mat. Units stand in the heading, as in position_mm or
     time [ms], or in an option, as in --position qm:mm; without one it is s, m (or rad) and m/s. A

@@ -1,5 +1,6 @@
 """Identification over HTTP: answers that plans take, refusals by field, and never a 500."""
 
+import asyncio
 import json
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.client import AsyncPlannerClient, IdentifyRequest, PlannerClient
+from app.client import AsyncPlannerClient, IdentifyRequest, IdentifyResponse, PlannerClient
 from app.evaluation.logs import Recording, record
 from app.planning.plant.system import System
 from tests.metrics import value
@@ -54,13 +55,17 @@ def test_the_same_request_gets_the_same_answer(client: httpx.Client) -> None:
     assert answers[0] == answers[1]
 
 
-async def test_both_clients_ask_alike(client: httpx.Client) -> None:
+def test_both_clients_ask_alike(client: httpx.Client) -> None:
     request = IdentifyRequest.model_validate(EXAMPLE)
     url = str(client.base_url)
     with PlannerClient(url) as planner:
         waited = planner.identify(request)
-    async with AsyncPlannerClient(url) as asynchronous:
-        awaited = await asynchronous.identify(request)
+
+    async def ask() -> IdentifyResponse:
+        async with AsyncPlannerClient(url) as asynchronous:
+            return await asynchronous.identify(request)
+
+    awaited = asyncio.run(ask())
     assert waited.system == awaited.system
     assert waited.parameters == awaited.parameters
 

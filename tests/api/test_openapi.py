@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, settings
-from schemathesis.specs.openapi.checks import positive_data_acceptance
+from schemathesis.specs.openapi.checks import negative_data_rejection, positive_data_acceptance
 
 from app.main import create_app
 from app.settings import Settings
@@ -43,9 +43,12 @@ def test_every_answer_is_one_that_the_page_documents(
         if isinstance(deadline_ms, int) and deadline_ms > 0:
             # In time or not (504), that is up to the machine.
             case.body["deadline_ms"] = 300_000
+    # A request may fit its schema and yet be too large, or fit no model: 422, as documented.
+    excluded: list[Any] = [positive_data_acceptance]
+    if case.path == "/plan_batch":  # one problem at fault is one line that says so
+        excluded.append(negative_data_rejection)
     case.call_and_validate(
         base_url=url,
         headers={"Authorization": f"Bearer {KEY}"},
-        # A request may fit its schema and yet be too large, or fit no model: 422, as documented.
-        excluded_checks=[positive_data_acceptance],
+        excluded_checks=excluded,
     )

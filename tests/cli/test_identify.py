@@ -59,7 +59,9 @@ def test_units_and_names_are_the_files_own(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"log.{ending}"
     match ending:
         case "json":
-            path.write_text(json.dumps({name: list(values) for name, values in columns.items()}))
+            path.write_text(
+                json.dumps({name: np.array(values).tolist() for name, values in columns.items()})
+            )
         case "mat":
             savemat(path, {name: np.array(values)[:, None] for name, values in columns.items()})
         case "csv":

@@ -35,12 +35,12 @@ def test_it_shows_what_was_measured_and_what_the_plant_makes_of_it(
 ) -> None:
     positions, errors, friction = draw_identification(REQUEST, answer).axes
     measured, *predicted = positions.lines
-    np.testing.assert_allclose(measured.get_ydata(), REQUEST.positions)
-    times, ends = np.array([line.get_xydata()[-1] for line in predicted[:-1]]).T
+    np.testing.assert_allclose(np.asarray(measured.get_ydata(), float), np.array(REQUEST.positions))
+    times, ends = np.array([np.asarray(line.get_xydata())[-1] for line in predicted[:-1]]).T
     at = np.rint(times / REQUEST.time_step).astype(int)
     off = ends - np.array(REQUEST.positions)[at]
     assert np.sqrt(np.mean(off**2)) == pytest.approx(answer.fit.end_error_rms, rel=0.2)
-    shown = np.array([line.get_ydata()[-1] for line in errors.lines[1:]])
+    shown = np.array([np.asarray(line.get_ydata())[-1] for line in errors.lines[1:]])
     np.testing.assert_allclose(shown, 1e3 * off)
     assert friction.get_xlabel() == "velocity (m/s)"
 

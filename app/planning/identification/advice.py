@@ -1,7 +1,6 @@
 """In words: why a parameter cannot be told from a log, and what to record so that it can."""
 
-from typing import TYPE_CHECKING
-
+from app.planning.identification.estimate import Parameter
 from app.planning.identification.motion import Motion
 from app.planning.identification.parameters import (
     BIAS,
@@ -11,9 +10,6 @@ from app.planning.identification.parameters import (
     STATIC,
     Scale,
 )
-
-if TYPE_CHECKING:
-    from app.planning.identification.verdict import Parameter
 
 UNCERTAIN = 0.25
 """Half of an interval over the value: a gain or friction beyond that is not told."""
@@ -89,7 +85,7 @@ def _why_no_static(way: str, motion: Motion) -> str | None:
     )
 
 
-def advise(parameters: "tuple[Parameter, ...]", motion: Motion) -> tuple[str, ...]:
+def advise(parameters: tuple[Parameter, ...], motion: Motion) -> tuple[str, ...]:
     """Return what to record so that more can be told."""
     open_fields = {
         parameter.name.partition(".")[0] for parameter in parameters if not parameter.identifiable

@@ -6,6 +6,7 @@ import numpy as np
 
 from app.planning.arrays import BoolArray, FloatArray
 from app.planning.identification.advice import advise, why_not_told
+from app.planning.identification.estimate import Parameter
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
 from app.planning.identification.log import Log, UnusableLog
@@ -22,20 +23,6 @@ TOUCHING = 0.1
 LEAST_R2 = 0.3
 """Where less of the motion is explained, the plant is not of this kind."""
 GOOD_R2 = 0.9
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """An estimate."""
-
-    name: str
-    """A field of `System`, with `.forward` or `.backward` where it differs by direction."""
-    value: float
-    standard_error: float
-    interval: tuple[float, float]
-    """95 %."""
-    identifiable: bool
-    why_not: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,12 +27,21 @@ export function offerShare(asked, plans) {
 export const withdrawShare = () => place.replaceChildren();
 
 function snippet(name, text) {
-  const copy = h("button", { type: "button", onclick: async () => {
-    await navigator.clipboard.writeText(text);
-    copy.textContent = "Copied";
+  const written = h("pre", { tabindex: 0, "aria-label": name }, text);
+  const say = (word) => {
+    copy.textContent = word;
     setTimeout(() => { copy.textContent = `Copy as ${name}`; }, 1500);
+  };
+  const copy = h("button", { type: "button", onclick: async () => {
+    if (navigator.clipboard) {
+      await navigator.clipboard.writeText(text);
+      say("Copied");
+    } else { // over plain HTTP from elsewhere browsers have none
+      getSelection().selectAllChildren(written);
+      say("Selected: copy it");
+    }
   } }, `Copy as ${name}`);
-  return h("div", { class: "snippet" }, h("pre", { tabindex: 0, "aria-label": name }, text), copy);
+  return h("div", { class: "snippet" }, written, copy);
 }
 
 export function asCurl({ path, body }) {

@@ -78,7 +78,8 @@ export function open(view) {
     ]));
     const bound = robust.first_order_bound;
     const boundWords = bound ? ` No fixed sequence of controls can do better than about ${distance(bound, unit)} r.m.s. (the bound): only feedback can.` : "";
-    words.textContent = `With that doubt the nominal plan ends ${distance(nominal.mean_error, unit)} off on average, the robust one ${distance(robust.mean_error, unit)}: by moving both ways, over and back, it lets their errors cancel.${boundWords}`;
+    const how = robust.mean_error < 0.9 * nominal.mean_error - 1e-6 ? " Moving both ways, over and back, lets errors cancel." : "";
+    words.textContent = `With that doubt the nominal plan ends ${distance(nominal.mean_error, unit)} off on average, the robust one ${distance(robust.mean_error, unit)}.${how}${boundWords}`;
     const sorted = [nominal, robust].map((one) => [...one.errors].sort((a, b) => a - b));
     const most = 1.05 * Math.max(...sorted.map((errors) => errors[Math.floor(0.98 * (errors.length - 1))]), 1e-9);
     const grid = Array.from({ length: 201 }, (_, index) => (most * index) / 200);

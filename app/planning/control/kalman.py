@@ -38,10 +38,12 @@ MOVING = 2.0
 """Rest velocities, above which a mass has broken away."""
 REST_NOISE = 0.25
 """Of the velocity that a step of full control adds: how well a mass is known to rest."""
+DOUBT = 2.0
+"""Standard deviations of the disturbing acceleration, by which a push may have been another."""
 HARDER = 1.1
 """By this factor static friction exceeds a push that did not break it."""
 FEASIBLE = 0.97
-"""Of full control: static friction is not believed to exceed it, or nothing would be tried."""
+"""Of full control: more static friction is not believed in, or nothing would be tried."""
 LEAST_FACTOR, GREATEST_FACTOR = 0.25, 4.0
 """As far as an estimate may go from the model's parameter."""
 STRONGEST_DAMPING = 0.95
@@ -61,8 +63,8 @@ def believed(model: Plant, memory: Memory, caution: float, rest_velocity: float)
     gain, bias = mean[GAIN] * model.control_gain, mean[BIAS]
     push = gain * model.highest_control + bias
     pull = -(gain * model.lowest_control + bias)
-    static_forward = _static(memory.statics[FORWARD], caution, push)
-    static_backward = _static(memory.statics[BACKWARD], caution, pull)
+    static_forward = _static(memory.statics[FORWARD], caution, push, model.static_forward)
+    static_backward = _static(memory.statics[BACKWARD], caution, pull, model.static_backward)
     coulomb_forward = min(static_forward, mean[COULOMB] * model.coulomb_forward)
     coulomb_backward = min(static_backward, mean[COULOMB] * model.coulomb_backward)
     strongest = STRONGEST_DAMPING / model.time_step
@@ -87,10 +89,14 @@ def believed(model: Plant, memory: Memory, caution: float, rest_velocity: float)
 
 
 @compiled
-def _static(bounds: FloatArray, caution: float, push: float) -> float:
+def _static(bounds: FloatArray, caution: float, push: float, modelled: float) -> float:
+    """Return what is believed of a static friction, m/s^2.
+
+    Where full control overcomes the model's, it is believed to overcome what was learned, too.
+    """
     static: float = bounds[LEAST] + caution * (bounds[MOST] - bounds[LEAST])
-    if push > bounds[LEAST]:
-        static = min(static, max(bounds[LEAST], FEASIBLE * push))
+    if push > modelled:
+        static = min(static, FEASIBLE * push)
     return static
 
 
@@ -119,9 +125,7 @@ def observe(
         mean[POSITION], mean[VELOCITY] = position, velocity
     if rested and registers[FROZEN] == 0.0:
         side = FORWARD if pushed > 0.0 else BACKWARD
-        limit = model.highest_control if side == FORWARD else model.lowest_control
-        greatest = FEASIBLE * abs(acceleration(limit, plant))
-        _bound_static(abs(pushed), greatest, memory, side, model, settings)
+        _bound_static(abs(pushed), memory.mean[VELOCITY], memory.statics[side], model, settings)
 
 
 @compiled
@@ -244,20 +248,18 @@ def _update(
 
 @compiled
 def _bound_static(
-    pushed: float, greatest: float, memory: Memory, side: int, model: Plant, settings: Settings
+    pushed: float, velocity: float, bounds: FloatArray, model: Plant, settings: Settings
 ) -> None:
     """Narrow what static friction can be, by a push (m/s^2) that broke a resting mass away or not.
 
     A noisy sensor does not tell that a mass has not moved at all: then only what is to be tried
     next becomes more.
     """
-    bounds, speed = memory.statics[side], abs(memory.mean[VELOCITY])
-    if pushed <= bounds[LEAST]:
-        return
-    if speed > MOVING * settings.rest_velocity:
-        bounds[MOST] = min(bounds[MOST], pushed)
-    elif speed < settings.rest_velocity:
+    doubt = DOUBT * settings.acceleration_noise
+    if abs(velocity) > MOVING * settings.rest_velocity:
+        bounds[MOST] = max(bounds[LEAST], min(bounds[MOST], pushed + doubt))
+    elif abs(velocity) < settings.rest_velocity and pushed > bounds[LEAST]:
         if pushed >= bounds[MOST]:
             bounds[MOST] = HARDER * pushed
         if settings.rest_velocity <= model.velocity_threshold:
-            bounds[LEAST] = min(pushed, greatest)
+            bounds[LEAST] = max(bounds[LEAST], pushed - doubt)

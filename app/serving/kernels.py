@@ -12,6 +12,7 @@ PLANNING = (
     Part("refinement", "app.planning.warm_up:make_refined_plans"),
     Part("the reachable set", "app.planning.warm_up:make_bounded_plan"),
     Part("the methods", "app.planning.warm_up:make_plans"),
+    Part("the closed loop", "app.planning.warm_up:make_control_step"),
 )
 """Whoever plans needs them; the longest first."""
 NETWORK = (Part("the network", "app.inference.kernel:warm_up"),)

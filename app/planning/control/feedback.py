@@ -26,9 +26,9 @@ class PD(Law):
     """Proportional-derivative feedback; the model's bias is compensated."""
 
     name: Literal["pd"] = "pd"
-    proportional: Gain = 30.0
+    proportional: Gain = 280.0
     """1/s^2: of the acceleration by the error."""
-    derivative: Gain = 8.0
+    derivative: Gain = 57.0
     """1/s: of the acceleration by the velocity."""
 
     def settings(self, model: Plant) -> Settings:

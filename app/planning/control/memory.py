@@ -18,8 +18,8 @@ FORWARD, BACKWARD = 0, 1
 LEAST, MOST = 0, 1
 STEPS, PLAN_LENGTH, PLAN_AGE, PLAN_ERROR, INTEGRAL, ACTING, FROZEN = range(7)
 """Of `registers`: steps taken; of the plan, how long it is, how many of its controls have been sent
-and its terminal error (m); the integral of the error (m/s^2); the control that acts until the next measurement; steps for which
-nothing is learned yet."""
+and its terminal error (m); the integral of the error (m/s^2); the control that acts until the next
+measurement; steps for which nothing is learned yet."""
 NUM_REGISTERS = 7
 
 

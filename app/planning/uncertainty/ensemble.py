@@ -16,7 +16,6 @@ from app.planning.plant.rollout import terminal_state
 from app.planning.plant.system import Plant, System
 from app.planning.plant.task import Task
 
-
 NO_PLANTS = np.empty((0, len(Plant._fields)))
 """Of no ensemble, as the kernels take it."""
 

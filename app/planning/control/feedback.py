@@ -26,9 +26,9 @@ class PD(Law):
     """Proportional-derivative feedback; the model's bias is compensated."""
 
     name: Literal["pd"] = "pd"
-    proportional: Gain = 280.0
+    proportional: Gain = 100.0
     """1/s^2: of the acceleration by the error."""
-    derivative: Gain = 57.0
+    derivative: Gain = 27.0
     """1/s: of the acceleration by the velocity."""
 
     def settings(self, model: Plant) -> Settings:
@@ -42,11 +42,11 @@ class PID(Law):
     """PD with an integral of the error, which stands still while the control is at its limit."""
 
     name: Literal["pid"] = "pid"
-    proportional: Gain = 30.0
+    proportional: Gain = 130.0
     """1/s^2."""
-    integral: Gain = 20.0
+    integral: Gain = 6.0
     """1/s^3."""
-    derivative: Gain = 8.0
+    derivative: Gain = 34.0
     """1/s."""
 
     def settings(self, model: Plant) -> Settings:
@@ -63,11 +63,11 @@ class PDFeedforward(Law):
     """PD that adds what the model says friction takes: static at rest, Coulomb in motion."""
 
     name: Literal["pd_feedforward"] = "pd_feedforward"
-    proportional: Gain = 5.0
+    proportional: Gain = 22.0
     """1/s^2."""
-    derivative: Gain = 3.0
+    derivative: Gain = 6.6
     """1/s."""
-    feedforward: Share = 1.1
+    feedforward: Share = 0.75
     """Of the model's friction."""
     slow: Gain = 5e-3
     """m/s: slower than this, static friction is fed forward, towards the target."""
@@ -87,13 +87,13 @@ class TimeOptimalLaw(Law):
     """Full control, switched where it just stops the mass at the target; kicks it out of rest."""
 
     name: Literal["time_optimal_law"] = "time_optimal_law"
-    braking: Annotated[float, Gt(0), Le(10)] = 0.9
+    braking: Annotated[float, Gt(0), Le(10)] = 0.82
     """Share of the model's braking that is counted on."""
-    boundary: Annotated[float, Gt(0), Le(1e6)] = 0.02
+    boundary: Annotated[float, Gt(0), Le(1e6)] = 0.002
     """m: within so much of the switching curve the control falls in proportion."""
     derivative: Gain = 0.0
     """s: by so much times the velocity it switches earlier."""
-    kicks: bool = True
+    kicks: bool = False
     """Whether it leaves rest with full control."""
 
     def settings(self, model: Plant) -> Settings:

@@ -242,8 +242,9 @@ def _update(
     for i in range(NUM_ESTIMATED):
         mean[i] += gain[i] * residual
     for i in range(NUM_ESTIMATED):
-        for j in range(NUM_ESTIMATED):
+        for j in range(i + 1):
             covariance[i, j] += gain[i] * total * gain[j] - gain[i] * row[j] - row[i] * gain[j]
+            covariance[j, i] = covariance[i, j]
 
 
 @compiled

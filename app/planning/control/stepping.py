@@ -83,61 +83,47 @@ class Record(NamedTuple):
 
 
 @compiled
-def control_step(
-    measured: FloatArray,
-    pending: FloatArray,
-    target: float,
-    steps_left: int,
-    model: Plant,
-    settings: Settings,
-    memory: Memory,
-    plants: FloatArray,
-    stopped: Flag,
-) -> tuple[float, int, float]:
-    """Observe, predict over the pending controls, and choose a control.
+def _is_at_rest_there(task: Task, settings: Settings) -> bool:
+    """Return whether a mass is to be held where it is, a control sequence apart."""
+    is_near = abs(task.target_position - task.position) < settings.dead_band
+    return is_near and abs(task.velocity) < settings.rest_velocity
 
-    Returns the control, the status and the terminal error of a plan made now (NaN: none was).
-    """
-    observe(measured[0], measured[1], memory, model, settings)
-    plant = believed(model, memory, 1.0, settings.rest_velocity)
-    position, velocity = memory.mean[POSITION], memory.mean[VELOCITY]
-    for control in pending:
-        position, velocity = step(position, velocity, control, plant)
-    error = target - position
-    registers = memory.registers
-    at_rest = abs(velocity) < settings.rest_velocity
-    status, plan_error = MOVING, math.nan
-    if at_rest and abs(error) < settings.dead_band and settings.kind != SEQUENCE:
-        control, status = steady_control(plant), ARRIVED
+
+@compiled
+def _choose(task: Task, steps_left: int, settings: Settings, memory: Memory) -> tuple[float, int]:
+    """Return the control of a state, and the status; a plan that is due has been made."""
+    plant, registers = task.plant, memory.registers
+    if _is_at_rest_there(task, settings) and settings.kind != SEQUENCE:
         registers[PLAN_LENGTH], registers[PLAN_AGE], registers[INTEGRAL] = 0.0, 0.0, 0.0
-    elif settings.kind == FEEDBACK:
-        control = feedback_control(error, velocity, plant, settings, memory)
+        return steady_control(plant), ARRIVED
+    error = task.target_position - task.position
+    control = steady_control(plant)
+    if settings.kind == FEEDBACK:
+        control = feedback_control(error, task.velocity, plant, settings, memory)
     elif settings.kind == SWITCHING:
-        control = switching_control(error, velocity, plant, settings)
-    else:
-        is_due = registers[PLAN_AGE] >= min(settings.replan_every, registers[PLAN_LENGTH])
-        if settings.kind == RECEDING_HORIZON and is_due:
-            task = Task(position, velocity, target, 0.0, plant)
-            plan_error = make_plan(task, steps_left, settings, memory, plants, stopped)
-            registers[PLAN_ERROR] = plan_error
-        control = steady_control(plant)
-        if registers[PLAN_AGE] < registers[PLAN_LENGTH]:
-            control = memory.plan[int(registers[PLAN_AGE])]
-            registers[PLAN_AGE] += 1.0
+        control = switching_control(error, task.velocity, plant, settings)
+    elif registers[PLAN_AGE] < registers[PLAN_LENGTH]:
+        control = memory.plan[int(registers[PLAN_AGE])]
+        registers[PLAN_AGE] += 1.0
     control = min(plant.highest_control, max(plant.lowest_control, control))
-    is_stuck = at_rest and take_step(velocity, control, plant).kind == STUCK
-    if is_stuck and status == MOVING:
-        status = HOLDING
-    if settings.kind == RECEDING_HORIZON and status != ARRIVED:
+    is_stuck = take_step(task.velocity, control, plant).kind == STUCK
+    status = HOLDING if is_stuck else MOVING
+    if settings.kind == RECEDING_HORIZON:
         if is_stuck:
             # What does not move the mass can as well be nothing.
             control = steady_control(plant)
         misses = registers[PLAN_ERROR] > max(settings.dead_band, ARRIVES)
         if misses and (is_stuck or steps_left > 0):
             status = UNREACHABLE
-    registers[ACTING] = pending[0] if pending.size > 0 else control
-    registers[STEPS] += 1.0
-    return control, status, plan_error
+    return control, status
+
+
+@compiled
+def _plan_is_due(task: Task, settings: Settings, memory: Memory) -> bool:
+    if settings.kind != RECEDING_HORIZON or _is_at_rest_there(task, settings):
+        return False
+    registers = memory.registers
+    return bool(registers[PLAN_AGE] >= min(settings.replan_every, registers[PLAN_LENGTH]))
 
 
 @compiled
@@ -177,29 +163,30 @@ def run(
         if stopped[0]:
             break
         steps_left = max(0, deadline - k) if deadline >= 0 else -1
-        control, status, error = control_step(
-            record.measurements[k],
-            known,
-            target,
-            steps_left,
-            model,
-            settings,
-            memory,
-            plants,
-            stopped,
-        )
-        record.controls[k], record.statuses[k], record.errors[k] = control, status, error
-        record.estimates[k, 0] = memory.mean[POSITION]
-        record.estimates[k, 1] = memory.mean[VELOCITY]
+        observe(record.measurements[k, 0], record.measurements[k, 1], memory, model, settings)
+        plant = believed(model, memory, 1.0, settings.rest_velocity)
+        position, velocity = memory.mean[POSITION], memory.mean[VELOCITY]
+        record.estimates[k, 0], record.estimates[k, 1] = position, velocity
+        for control in known:
+            position, velocity = step(position, velocity, control, plant)
+        task = Task(position, velocity, target, 0.0, plant)
+        record.errors[k] = math.nan
+        if _plan_is_due(task, settings, memory):
+            error = make_plan(task, steps_left, settings, memory, plants, stopped)
+            record.errors[k] = memory.registers[PLAN_ERROR] = error
+        control, record.statuses[k] = _choose(task, steps_left, settings, memory)
+        record.controls[k] = control
+        memory.registers[ACTING] = known[0] if known.size > 0 else control
+        memory.registers[STEPS] += 1.0
         acting = control
         if queue.size > 0:
             acting = queue[0]
             for i in range(queue.size - 1):
                 queue[i] = queue[i + 1]
             queue[queue.size - 1] = control
-        plant = machine.plant
-        disturbed = acting + machine.accelerations[k] / plant.control_gain
-        position, velocity = step(record.states[k, 0], record.states[k, 1], disturbed, plant)
+        truth = machine.plant
+        disturbed = acting + machine.accelerations[k] / truth.control_gain
+        position, velocity = step(record.states[k, 0], record.states[k, 1], disturbed, truth)
         record.states[k + 1, 0], record.states[k + 1, 1] = position, velocity
         _measure(k + 1, machine, record)
 

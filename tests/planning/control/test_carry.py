@@ -46,7 +46,7 @@ def test_what_is_carried_stays_small() -> None:
         ("plan", [True]),
         ("plan_age", -1),
         ("plan_age", 1.5),
-        ("plan_age", MAX_PLAN),
+        ("plan_age", MAX_PLAN + 1),
         ("mean", [0.0] * 5),
         ("mean", [0.0] * 5 + [float("inf")]),
         ("mean", {"0": 1.0}),
@@ -58,11 +58,9 @@ def test_what_is_carried_stays_small() -> None:
     ],
 )
 def test_what_no_step_gave_is_refused_by_the_name_of_the_field(field: str, value: object) -> None:
-    whole = carried(plan=[0.0]) if field == "plan_age" else carried()
-
     with pytest.raises(InvalidCarry, match=field) as refused:
-        read_carry(whole | {field: value})
-    assert refused.value.field in ({field, "plan"} if field == "plan_age" else {field})
+        read_carry(carried() | {field: value})
+    assert refused.value.field == field
 
 
 @pytest.mark.parametrize("field", FIELDS)

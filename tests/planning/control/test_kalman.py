@@ -58,7 +58,7 @@ def test_of_a_sliding_mass_it_is_the_textbook_filter() -> None:
     noise = np.array([2e-3, 3e-2])
     measurements = states + noise * rng.standard_normal((21, 2))
     mean, covariance = measurements[0], np.diag(noise**2)
-    memory = None
+    memory, control = None, 0.0
     transition = np.array([[1.0, dt * (1 - 0.05 * dt)], [0.0, 1 - 0.05 * dt]])
     pushed = np.array([dt, 1.0]) * 0.3 * dt
     for k, measured in enumerate(measurements):

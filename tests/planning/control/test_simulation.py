@@ -90,8 +90,16 @@ def test_velocities_that_are_not_measured_are_no_numbers() -> None:
 
 
 def test_all_controllers_meet_the_same_disturbances() -> None:
-    rough = {"sensor": Sensor(1e-3, 1e-2), "disturbance": Disturbance(0.1), "seeds": 2}
-    one, other = (run(controller, steps=5, **rough) for controller in (RecedingHorizon(), PD()))
+    one, other = (
+        run(
+            controller,
+            sensor=Sensor(1e-3, 1e-2),
+            disturbance=Disturbance(0.1),
+            seeds=2,
+            steps=5,
+        )
+        for controller in (RecedingHorizon(), PD())
+    )
 
     np.testing.assert_allclose(
         one.measurements - one.states, other.measurements - other.states, atol=1e-15

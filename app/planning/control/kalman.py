@@ -20,6 +20,7 @@ from app.planning.control.memory import (
     MOST,
     NUM_ESTIMATED,
     POSITION,
+    PUSHED,
     STEPS,
     VELOCITY,
     Memory,
@@ -32,6 +33,10 @@ GATE = 4.0
 """Standard deviations: an innovation beyond them is a push that the model does not know."""
 FROZEN_STEPS = 3.0
 """For which nothing is learned after a push: it would be taken for friction (pitfall 4)."""
+PATIENCE = 10.0
+"""Steps of a push, after which it is taken for an error of the model."""
+DOUBTED = 2.0
+"""By this factor the standard deviations of the parameters grow with each further step."""
 LEARNING = 3.0
 """Rest velocities, above which a motion tells of the parameters."""
 MOVING = 2.0
@@ -211,10 +216,20 @@ def _correct(
         is_push = is_push or (velocity - mean[VELOCITY]) ** 2 > gate * expected
     if is_push:
         registers[FROZEN] = FROZEN_STEPS
+        registers[PUSHED] += 1.0
         covariance[VELOCITY, VELOCITY] += _full_step(model) ** 2
-    elif registers[FROZEN] > 0.0:
-        registers[FROZEN] -= 1.0
+    else:
+        registers[FROZEN] = max(0.0, registers[FROZEN] - 1.0)
+        registers[PUSHED] = 0.0
+    if registers[PUSHED] > PATIENCE:
+        # No push lasts so long: what was learned is wrong, or the model is worse than was said.
+        for i in range(GAIN, NUM_ESTIMATED):
+            for j in range(NUM_ESTIMATED):
+                covariance[i, j] *= DOUBTED
+                covariance[j, i] *= DOUBTED
     learns = registers[FROZEN] == 0.0 and abs(mean[VELOCITY]) > LEARNING * settings.rest_velocity
+    # A mass that was thought to break away and did not tells of static friction alone.
+    learns = learns and not (is_known and abs(velocity) < settings.rest_velocity)
     _update(POSITION, position, settings.position_variance, learns, mean, covariance)
     if is_known:
         _update(VELOCITY, velocity, settings.velocity_variance, learns, mean, covariance)

@@ -207,3 +207,28 @@ def test_shares_are_what_is_believed_at_first() -> None:
     assert (unsure.position, unsure.velocity) == (0.0, 0.0)
     assert POSITION == 0
     assert VELOCITY == 1
+
+
+def test_a_model_worse_than_was_said_is_learned_after_a_while() -> None:
+    truth = System(0.3, 0.25)
+    memory = driven(LEARNS, truth, np.zeros(2), steps=50)
+    runs = run(LEARNS, truth=truth, target=0.5)
+
+    friction = 0.6 * memory.mean[COULOMB] - memory.mean[BIAS]
+    assert friction == pytest.approx(0.25, abs=0.02)
+    assert runs.final_errors[0] < 1e-3
+    assert not runs.hunting[0]
+
+
+def test_a_kick_that_moves_nothing_says_nothing_of_friction_in_motion() -> None:
+    state, memory = np.array([0.043, 0.15456]), None
+    truth = System(0.836, 0.6587, 0.0434, control_gain=0.9956)
+    for k in range(30):
+        measurement = Measurement(*state.tolist())
+        taken = control_step(LEARNS, System(), measurement, Goal(0.0, 64 - k), memory)
+        memory = taken.memory
+        state = rollout(truth, state, np.array([[taken.control]]))[0, -1]
+    plant = taken.estimate.system.plant
+
+    assert plant.control_gain == pytest.approx(0.9956, abs=0.01)
+    assert plant.coulomb_backward + plant.bias == pytest.approx(0.6587, abs=0.01)

@@ -16,10 +16,12 @@ POSITION, VELOCITY, GAIN, COULOMB, DAMPING, BIAS = range(6)
 NUM_ESTIMATED = 6
 FORWARD, BACKWARD = 0, 1
 LEAST, MOST = 0, 1
-STEPS, PLAN_LENGTH, PLAN_AGE, PLAN_ERROR, INTEGRAL, ACTING, FROZEN, PUSHED = range(8)
+STEPS, PLAN_LENGTH, PLAN_AGE, PLAN_ERROR, INTEGRAL, ACTING, FROZEN, PUSHED, TARGET = range(9)
 """Of `registers`: steps taken; of the plan, how long it is, how many of its controls have been sent
 and its terminal error (m); the integral of the error (m/s^2); the control that acts until the next
-measurement; steps for which nothing is learned yet; for how many a push has lasted."""
+measurement; steps for which nothing is learned yet; for how many a push has lasted; the position
+(m) that the plan is to."""
+NUM_REGISTERS = 9
 NUM_REGISTERS = 8
 
 
@@ -35,7 +37,7 @@ class Memory(NamedTuple):
     statics: FloatArray
     """(2, 2): what static friction is at least and at most, forward and backward, m/s^2."""
     registers: FloatArray
-    """(8,)."""
+    """(9,)."""
 
     @classmethod
     def empty(cls) -> "Memory":

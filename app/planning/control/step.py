@@ -14,7 +14,14 @@ from app.planning.arrays import FloatArray
 from app.planning.control.base import Controller
 from app.planning.control.estimate import Estimate, estimate_of, system_of
 from app.planning.control.kalman import believed
-from app.planning.control.memory import PLAN_AGE, PLAN_LENGTH, POSITION, VELOCITY, Memory
+from app.planning.control.memory import (
+    PLAN_AGE,
+    PLAN_LENGTH,
+    POSITION,
+    TARGET,
+    VELOCITY,
+    Memory,
+)
 from app.planning.control.observer import begin
 from app.planning.control.receding_horizon import ARRIVES
 from app.planning.control.settings import RECEDING_HORIZON, Settings
@@ -141,6 +148,7 @@ def control_step(
             after = before.copy()
             after.plan[:horizon] = offered.controls
             after.registers[PLAN_AGE], after.registers[PLAN_LENGTH] = 0.0, float(horizon)
+            after.registers[TARGET] = goal.target_position
             record = _take(measured, pending, goal, model, settings, after, plants, stop)
             record.errors[0] = offered.terminal_error
     stop.check()

@@ -21,6 +21,7 @@ from app.planning.control.memory import (
     PLAN_LENGTH,
     POSITION,
     STEPS,
+    TARGET,
     VELOCITY,
     Memory,
 )
@@ -123,6 +124,8 @@ def _plan_is_due(task: Task, settings: Settings, memory: Memory) -> bool:
     if settings.kind != RECEDING_HORIZON or _is_at_rest_there(task, settings):
         return False
     registers = memory.registers
+    if registers[TARGET] != task.target_position:
+        return True
     return bool(registers[PLAN_AGE] >= min(settings.replan_every, registers[PLAN_LENGTH]))
 
 
@@ -174,6 +177,7 @@ def run(
         if _plan_is_due(task, settings, memory):
             error = make_plan(task, steps_left, settings, memory, plants, stopped)
             record.errors[k] = memory.registers[PLAN_ERROR] = error
+            memory.registers[TARGET] = target
         control, record.statuses[k] = _choose(task, steps_left, settings, memory)
         record.controls[k] = control
         memory.registers[ACTING] = known[0] if known.size > 0 else control

@@ -264,3 +264,12 @@ def test_under_process_noise_and_pulses_it_arrives_all_the_same() -> None:
     )
 
     assert runs.final_errors.max() < 0.01
+
+
+def test_a_new_target_is_planned_for_at_once_however_seldom_plans_are_made() -> None:
+    seldom = replace(PLAIN, replan_every=16)
+    first = control_step(seldom, System(), Measurement(0.0, 0.2), Goal(0.3))
+    second = control_step(seldom, System(), Measurement(0.01, 0.21), Goal(-0.3), first.memory)
+
+    assert second.predicted_error is not None
+    assert second.control < 0.0

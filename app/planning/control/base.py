@@ -1,5 +1,6 @@
 """What a controller is: a name, options, and what the kernels need of both for a model."""
 
+from collections.abc import Hashable
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Protocol
 
@@ -11,7 +12,7 @@ from app.planning.options import Options
 from app.planning.plant.system import Plant
 
 
-class Controller(Protocol):
+class Controller(Hashable, Protocol):
     """State in, control and new state out. An instance is a controller with its options."""
 
     @property

@@ -21,8 +21,7 @@ STEPS, PLAN_LENGTH, PLAN_AGE, PLAN_ERROR, INTEGRAL, ACTING, FROZEN, PUSHED, TARG
 and its terminal error (m); the integral of the error (m/s^2); the control that acts until the next
 measurement; steps for which nothing is learned yet; for how many a push has lasted; the position
 (m) that the plan is to."""
-NUM_REGISTERS = 9
-NUM_REGISTERS = 8
+NUM_REGISTERS = TARGET + 1
 
 
 class Memory(NamedTuple):

@@ -6,6 +6,7 @@ Whole runs are in simulation.py; both stand on the kernel in stepping.py.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -81,15 +82,36 @@ class ControlStep:
     """Units of control: to be sent now."""
     plan: FloatArray
     """(N,), this control and those that are to follow it; N = 1 of a law that plans nothing."""
-    predicted_states: FloatArray
-    """(N+1, 2), of the plan on the plant as it is believed: from the state after the pending
-    controls on, m and m/s."""
     predicted_error: float | None
     """Terminal error of a plan that was made in this step, m; None if none was."""
     status: Status
-    estimate: Estimate
     memory: Memory
     """For the next step; `carry.write_carry` makes JSON of it."""
+    model: System
+    """What was believed of the plant before anything was learned."""
+    plant: Plant
+    """What the plan is for: the model with what was learned, cautiously."""
+    pending: FloatArray
+    """(D,), controls that act before this one."""
+
+    @property
+    def predicted_states(self) -> FloatArray:
+        """States (N+1, 2) of the plan on the plant as it is believed, from the one on in which it
+        acts: after the pending controls, m and m/s."""
+        start = _where_it_acts(self.memory, self.plant, self.pending)
+        return np.asarray(rollout_on(self.plant, start, self.plan[np.newaxis])[0])
+
+    @property
+    def estimate(self) -> Estimate:
+        """What is believed of state and plant."""
+        return estimate_of(self.memory, self.model)
+
+
+@lru_cache(maxsize=1024)
+def _prepared(controller: Controller, model: System) -> tuple[Plant, Settings]:
+    """Return model and controller as the kernels take them: for many steps the same."""
+    plant = model.plant
+    return plant, controller.settings(plant)
 
 
 def control_step(
@@ -127,16 +149,16 @@ def control_step(
     velocity = measurement.velocity
     if velocity is None and controller.observer is None:
         raise ValueError("velocity is not measured: the controller needs an observer")
-    settings = controller.settings(model.plant)
+    nominal, settings = _prepared(controller, model)
     measured = (measurement.position, math.nan if velocity is None else velocity)
     pending = np.asarray(pending_controls, dtype=np.float64)
-    before = memory or begin(controller.observer, model.plant)
-    after = before.copy()
     plants = NO_PLANTS if ensemble is None else ensemble.plants
-    record = _take(measured, pending, goal, model, settings, after, plants, stop)
+    before = memory or begin(controller.observer, nominal)
+    after = before.copy()
+    record = _take(measured, pending, goal, nominal, settings, after, plants, stop)
+    plant = believed(nominal, after, 1.0, settings.rest_velocity)
     if fallback and record.errors[0] > ARRIVES:
         horizon = int(after.registers[PLAN_LENGTH])
-        plant = believed(model.plant, after, 1.0, settings.rest_velocity)
         problem = Problem(
             _where_it_acts(after, plant, pending),
             np.array([goal.target_position, 0.0]),
@@ -149,23 +171,21 @@ def control_step(
             after.plan[:horizon] = offered.controls
             after.registers[PLAN_AGE], after.registers[PLAN_LENGTH] = 0.0, float(horizon)
             after.registers[TARGET] = goal.target_position
-            record = _take(measured, pending, goal, model, settings, after, plants, stop)
+            record = _take(measured, pending, goal, nominal, settings, after, plants, stop)
             record.errors[0] = offered.terminal_error
     stop.check()
     control, error = float(record.controls[0]), float(record.errors[0])
     age, length = int(after.registers[PLAN_AGE]), int(after.registers[PLAN_LENGTH])
-    rest = after.plan[age:length] if settings.kind == RECEDING_HORIZON else after.plan[:0]
-    planned = np.concatenate([[control], rest])
-    plant = believed(model.plant, after, 1.0, settings.rest_velocity)
-    start = _where_it_acts(after, plant, pending)
+    follows = after.plan[age:length] if settings.kind == RECEDING_HORIZON else after.plan[:0]
     return ControlStep(
         control=control,
-        plan=planned,
-        predicted_states=rollout_on(plant, start, planned[np.newaxis])[0],
+        plan=np.concatenate([[control], follows]),
         predicted_error=None if math.isnan(error) else error,
         status=STATUSES[record.statuses[0]],
-        estimate=estimate_of(after, model),
         memory=after,
+        model=model,
+        plant=plant,
+        pending=pending,
     )
 
 
@@ -173,7 +193,7 @@ def _take(
     measured: tuple[float, float],
     pending: FloatArray,
     goal: Goal,
-    model: System,
+    model: Plant,
     settings: Settings,
     memory: Memory,
     plants: FloatArray,
@@ -187,11 +207,11 @@ def _take(
         True,
         goal.target_position,
         steps_left,
-        model.plant,
+        model,
         settings,
         memory,
         plants,
-        Machine(model.plant, NOTHING[:1], NOTHING, NOTHING, 0.0),
+        Machine(model, NOTHING[:1], NOTHING, NOTHING, 0.0),
         record,
         stop.flag,
     )

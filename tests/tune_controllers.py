@@ -19,6 +19,7 @@ import argparse
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,6 +53,8 @@ FIRST_STD = 0.2
 DEADLINES = (None, 48, 52, 56, 60, 64)
 FILE = Path(__file__).parents[1] / "app" / "evaluation" / "tuned_controllers.json"
 DEAD_BAND = (3e-4, 1e-2)
+UNTOUCHED = {"observer", "replan_every", "least_horizon", "margin", "iterations"}
+"""Options that no search changes, or that follow from the circumstances."""
 
 
 class Tuned(NamedTuple):
@@ -232,13 +235,13 @@ def tune(job: tuple[str, str, int]) -> tuple[str, str, dict[str, Any]]:
 def _described(tuned: Tuned, least: float, spent: int) -> dict[str, Any]:
     controller = tuned.controller
     options = {
-        option: getattr(controller, option)
-        for option in controller.__slots__
-        if option != "observer"
+        option.name: getattr(controller, option.name)
+        for option in fields(controller)
+        if option.name not in UNTOUCHED
     }
     watching = controller.observer
     return {
-        "controller": options | {"dead_band": controller.dead_band},
+        "controller": options,
         "observes": watching is not None,
         "identifies": watching is not None and watching.identification is not None,
         "deadline": tuned.deadline,

@@ -12,7 +12,7 @@ from app.settings import SHIPPED_MODELS
 SIZES: dict[ModuleType, dict[str, object]] = {
     network: {"ROWS": (1, 8), "PRODUCT_SIZE": 64, "TILE_PRODUCTS": 1},
     sampling: {"BUDGETS": (1,), "CANDIDATES": 1},
-    planning: {"PAIRS": 1, "TASKS": 20},
+    planning: {"PAIRS": 1, "TASKS": 20, "RUNS": 1},
     quick_plans: {"SEQUENCES": 1},
     service: {"PAIRS": 1, "CALLS": 1},
     concurrency: {"SMALL_REQUESTS": 1, "CLIENTS": 2, "REQUESTS_EACH": 1},

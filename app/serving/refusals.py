@@ -16,6 +16,10 @@ class InvalidField(Exception):
         self.pointer = pointer
 
 
+class OutOfOrder(Exception):
+    """A message of a session that is not due."""
+
+
 class NotReady(Exception):
     """The service is starting, could not start, or is draining."""
 

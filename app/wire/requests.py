@@ -56,7 +56,7 @@ MethodField = Annotated[
 ]
 
 
-def _machine_by_name(value: Any) -> Any:
+def machine_by_name(value: Any) -> Any:
     """Return the plant of the machine that a string names.
 
     Raises:
@@ -67,6 +67,15 @@ def _machine_by_name(value: Any) -> Any:
     if value not in MACHINES:
         raise ValueError(f"no machine {value!r}; there are: {', '.join(map(repr, MACHINES))}")
     return MACHINES[value].system
+
+
+RefineField = Annotated[
+    Refinement | None,
+    BeforeValidator(
+        lambda value: {True: {}, False: None}[value] if isinstance(value, bool) else value,
+        json_schema_input_type=bool | Refinement | None,
+    ),
+]
 
 
 class Initial(Asked):
@@ -101,7 +110,7 @@ class _Request(Asked):
     )
     system: Annotated[
         System | None,
-        BeforeValidator(_machine_by_name, json_schema_input_type=MachineName | System | None),
+        BeforeValidator(machine_by_name, json_schema_input_type=MachineName | System | None),
     ] = Field(
         None,
         description="The plant, where it is not the nominal one (or the named model's): its "
@@ -119,13 +128,7 @@ class _Request(Asked):
     initial: Initial | None = Field(
         None, description="Start an optimiser (cem, icem, mppi) from another method's candidates."
     )
-    refine: Annotated[
-        Refinement | None,
-        BeforeValidator(
-            lambda value: {True: {}, False: None}[value] if isinstance(value, bool) else value,
-            json_schema_input_type=bool | Refinement | None,
-        ),
-    ] = Field(
+    refine: RefineField = Field(
         None,
         description="Descend from the candidates through the true dynamics: true, or options.",
     )

@@ -12,6 +12,8 @@ from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
+from app.api import control_socket
+from app.api.control_routes import router as control_router
 from app.api.documentation import add_pages, document_middleware
 from app.api.errors import install_error_handlers
 from app.api.keys import ApiKeys, read_keys
@@ -66,6 +68,8 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
     )
     install_error_handlers(app)
     app.include_router(router)
+    app.include_router(control_router)
+    app.router.routes.append(control_socket.route)
     if settings.admin:
         app.include_router(admin_router)
     add_pages(app)
@@ -79,7 +83,7 @@ def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list
         Middleware(RequestTarget, root_path=settings.root_path),
         Middleware(CorrelationIdMiddleware, validator=is_request_id),
         Middleware(Telemetry, metrics=metrics),
-        Middleware(Unsupported),
+        Middleware(Unsupported, origins=settings.cors_origins),
     ]
     if settings.cors_origins:  # outside the keys: a browser's preflight brings none
         passed.append(

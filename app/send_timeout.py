@@ -7,7 +7,6 @@ import struct
 import sys
 
 import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 UNSENT_BYTES = 1 << 16
 """The kernel takes no more than this and what is under way to the client."""
@@ -25,8 +24,8 @@ class SendingConfig(uvicorn.Config):
     send_timeout_s: float
 
 
-class SendTimeout(H11Protocol):
-    """Drops a client that leaves lying what is sent to it.
+class SendTimeout(asyncio.Protocol):
+    """Drops a client that leaves lying what is sent to it; stands before one of uvicorn's classes.
 
     The time runs while the transport holds bytes that the kernel does not take. Whoever sends waits
     meanwhile, so these are one part of an answer at most: a slow client has the time anew for each
@@ -35,6 +34,8 @@ class SendTimeout(H11Protocol):
     """
 
     config: SendingConfig
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
     _send_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]

@@ -13,11 +13,13 @@ from types import FrameType
 import uvicorn
 from starlette.types import ASGIApp
 
+from app.api.control_socket import PATH
 from app.http_protocol import Protocol, ProtocolConfig
 from app.inference.verification import ModelRejected
 from app.serving.refusals import NotReady
 from app.serving.runtime import Runtime
 from app.settings import Settings
+from app.websocket_protocol import WebSocketProtocol
 
 FAILED_SECONDS = 5
 """How long a service that could not start tells so, before it ends."""
@@ -143,7 +145,9 @@ class _Config(ProtocolConfig):
             port=settings.port,
             http=Protocol,
             loop="asyncio",
-            ws="none",
+            ws=WebSocketProtocol,
+            ws_max_size=settings.max_body_bytes,
+            ws_per_message_deflate=False,
             forwarded_allow_ips=list(settings.trusted_proxies),
             log_config=None,
             access_log=False,
@@ -153,3 +157,4 @@ class _Config(ProtocolConfig):
         )
         self.header_timeout_s = settings.header_timeout_s
         self.send_timeout_s = settings.send_timeout_s
+        self.session_paths = frozenset({PATH, settings.root_path + PATH})

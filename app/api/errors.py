@@ -9,7 +9,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
-from starlette.requests import ClientDisconnect
+from starlette.requests import ClientDisconnect, HTTPConnection
 
 from app.api.body import AS_IT_IS, JSON, UnsupportedContentEncoding, UnsupportedContentType
 from app.api.middleware import BodyTooLarge, BodyTooSlow
@@ -21,6 +21,7 @@ from app.serving.refusals import (
     DeadlineExceeded,
     InvalidField,
     NotReady,
+    OutOfOrder,
     Refused,
     ShuttingDown,
 )
@@ -35,10 +36,11 @@ class MalformedHttp(HTTPException):
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_AFTER_SECONDS = "1"
+UNEXPECTED = "an unexpected error; the server's log tells more"
 
 
 def problem_response(
-    request: Request,
+    request: HTTPConnection,
     status: int,
     detail: str,
     *,
@@ -48,25 +50,37 @@ def problem_response(
     headers: dict[str, str] | None = None,
 ) -> Response:
     """Build a problem+json answer; `slug` names the type, `about:blank` where there is none."""
-    problem = ProblemDetails(
+    problem = _problem(request.url.path, status, detail, slug, title, errors)
+    return _response(problem, headers)
+
+
+def _problem(
+    path: str,
+    status: int,
+    detail: str,
+    slug: str | None = None,
+    title: str | None = None,
+    errors: list[FieldError] | None = None,
+) -> ProblemDetails:
+    return ProblemDetails(
         type=f"urn:breakaway:problem:{slug}" if slug else "about:blank",
         title=title or HTTPStatus(status).phrase,
         status=status,
         detail=detail,
-        instance=request.url.path,
+        instance=path,
         errors=errors,
     )
-    return Response(
-        problem.model_dump_json(exclude_none=True), status, headers, media_type=MEDIA_TYPE
-    )
 
 
-def field_problem(request: Request, errors: list[FieldError]) -> Response:
-    """Answer 422 for fields at fault."""
+def _response(problem: ProblemDetails, headers: dict[str, str] | None = None) -> Response:
+    text = problem.model_dump_json(exclude_none=True)
+    return Response(text, problem.status, headers, media_type=MEDIA_TYPE)
+
+
+def field_problem(path: str, errors: list[FieldError]) -> ProblemDetails:
+    """Say 422 of fields at fault."""
     detail = "; ".join(f"{error.pointer or 'the body'}: {error.detail}" for error in errors)
-    return problem_response(
-        request, 422, detail, slug="invalid-request", title="Invalid request", errors=errors
-    )
+    return _problem(path, 422, detail, "invalid-request", "Invalid request", errors)
 
 
 class Answer(NamedTuple):
@@ -99,6 +113,7 @@ ANSWERS: dict[type[Exception], Answer] = {
     UnknownModel: Answer(404, "unknown-model", "Unknown model"),
     PlanningError: Answer(500, "planning-failed", "Planning failed"),
     Refused: Answer(429, "busy"),
+    OutOfOrder: Answer(409, "out-of-order", "Out of order"),
     NotReady: NOT_READY,
     ShuttingDown: NOT_READY,
     DeadlineExceeded: Answer(504, "deadline-exceeded", rejected="deadline_exceeded"),
@@ -113,10 +128,42 @@ FIELDS: dict[type[Exception], str] = {
 """Errors that are a field's, with its pointer where they do not bring their own."""
 
 
+def problem_of(error: Exception, path: str) -> ProblemDetails:
+    """Return how an error is told to who asked for `path`; what nobody foresaw is a 500."""
+    if isinstance(error, InvalidParts):
+        return field_problem(path, error.errors)
+    if type(error) in FIELDS:
+        pointer = error.pointer if isinstance(error, InvalidField) else FIELDS[type(error)]
+        return field_problem(path, [FieldError(pointer=pointer, detail=str(error))])
+    answer = _answer_to(error)
+    if answer is None:
+        return _problem(path, 500, UNEXPECTED)
+    return _problem(path, answer.status, str(error), answer.slug, answer.title)
+
+
+def refusal_of(error: Exception, request: HTTPConnection) -> Response:
+    """Answer a request that is refused, with what its client does better next time, or when."""
+    answer = _answer_to(error)
+    headers = dict(answer.headers) if answer else {}
+    if isinstance(error, Refused):
+        headers["Retry-After"] = str(error.retry_after_s)
+    return _response(problem_of(error, request.url.path), headers)
+
+
+def rejected_of(error: Exception) -> str | None:
+    """Return why there is no answer, for log and metrics."""
+    answer = _answer_to(error)
+    return error.reason if isinstance(error, Refused) else answer and answer.rejected
+
+
+def _answer_to(error: Exception) -> Answer | None:
+    return next((ANSWERS[kind] for kind in type(error).__mro__ if kind in ANSWERS), None)
+
+
 def install_error_handlers(app: FastAPI) -> None:
     """Make every error of `app` a problem+json answer, never a traceback."""
     app.add_exception_handler(RequestValidationError, _invalid_request)
-    app.add_exception_handler(InvalidParts, _invalid_parts)
+    app.add_exception_handler(InvalidParts, _invalid_field)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(MalformedHttp, answer_malformed_http)
     app.add_exception_handler(Exception, _unexpected)
@@ -141,21 +188,14 @@ async def answer_malformed_http(request: Request, error: Exception) -> Response:
 
 
 async def _answer(request: Request, error: Exception) -> Response:
-    answer = next(ANSWERS[kind] for kind in type(error).__mro__ if kind in ANSWERS)
-    rejected = error.reason if isinstance(error, Refused) else answer.rejected
+    rejected = rejected_of(error)
     if rejected and request.method == "POST":  # a plan, and not a probe
         request.state.log_fields["rejected"] = rejected
-    headers = dict(answer.headers)
-    if isinstance(error, Refused):
-        headers["Retry-After"] = str(error.retry_after_s)
-    return problem_response(
-        request, answer.status, str(error), slug=answer.slug, title=answer.title, headers=headers
-    )
+    return refusal_of(error, request)
 
 
 async def _invalid_field(request: Request, error: Exception) -> Response:
-    pointer = error.pointer if isinstance(error, InvalidField) else FIELDS[type(error)]
-    return field_problem(request, [FieldError(pointer=pointer, detail=str(error))])
+    return _response(problem_of(error, request.url.path))
 
 
 async def _http_error(request: Request, error: Exception) -> Response:
@@ -171,16 +211,11 @@ async def _unexpected(request: Request, _: Exception) -> Response:
     # Answered outside of the middleware that puts the id into every other answer, and followed by
     # the connection's end, because uvicorn sees the error, too.
     headers = {"X-Request-ID": correlation_id.get() or "", "Connection": "close"}
-    detail = "an unexpected error; the server's log tells more"  # uvicorn logs it
-    return problem_response(request, 500, detail, headers=headers)
+    return problem_response(request, 500, UNEXPECTED, headers=headers)  # uvicorn logs it
 
 
 async def _invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     within_body = [item | {"loc": item["loc"][1:]} for item in error.errors()]
-    return field_problem(request, field_errors(within_body, error.body))
-
-
-async def _invalid_parts(request: Request, error: Exception) -> Response:
-    assert isinstance(error, InvalidParts)
-    return field_problem(request, error.errors)
+    errors = field_errors(within_body, error.body)
+    return _response(field_problem(request.url.path, errors))

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol, TypeVar
 
 import numba
 import numpy
@@ -20,9 +20,10 @@ from app.inference.device import LIBRARY_VERSION, choose_device
 from app.inference.model import Model
 from app.inference.verification import ModelRejected
 from app.planning.plant.system import System
+from app.serving.admission import Work
 from app.serving.kernels import available_cores
 from app.serving.runtime import Runtime
-from app.serving.service import PlanningService, ResolvedRequest
+from app.serving.service import PlanningService
 from app.wire.about import (
     Health,
     Info,
@@ -69,7 +70,7 @@ async def get_service(runtime: RuntimeDependency) -> PlanningService:
 ServiceDependency = Annotated[PlanningService, Depends(get_service)]
 
 
-def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]:
+def problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]:
     """Document answers that are problem+json."""
     schema = {"$ref": f"#/components/schemas/{ProblemDetails.__name__}"}
     return {
@@ -79,7 +80,7 @@ def _problems(*descriptions: tuple[int, str]) -> dict[int | str, dict[str, Any]]
 
 
 NOT_READY = (503, "The service is starting or draining.")
-PLAN_PROBLEMS = _problems(
+PLAN_PROBLEMS = problems(
     (400, "The body is not JSON, not UTF-8, or nested too deeply."),
     (404, "No such model."),
     (413, "The body is too large."),
@@ -101,6 +102,25 @@ async def until_sent() -> AsyncIterator[ExitStack]:
 UntilSent = Annotated[ExitStack, Depends(until_sent)]
 
 
+class Resolved(Protocol):
+    """A request with nothing left open."""
+
+    @property
+    def work(self) -> Work: ...
+
+    @property
+    def log_fields(self) -> dict[str, Any]: ...
+
+
+T = TypeVar("T", bound=Resolved)
+
+
+class Answers(Protocol[T]):
+    """What works out the answers to such requests."""
+
+    def answer(self, resolved: T, waited_ms: float) -> dict[str, Any]: ...
+
+
 @router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])
 async def plan(
     body: PlanRequest,
@@ -111,7 +131,7 @@ async def plan(
 ) -> Response:
     """Plan a control sequence from a start to a target."""
     resolved = service.resolve(body, request.state.arrived)
-    return await _answer(request, runtime, service, resolved, until_sent)
+    return await work_out(request, runtime, service, resolved, until_sent)
 
 
 @router.post(
@@ -129,26 +149,19 @@ async def plan_multistep(
 ) -> Response:
     """Plan to several targets, each from the state that the plan before it reached."""
     resolved = service.resolve(body, request.state.arrived)
-    return await _answer(request, runtime, service, resolved, until_sent)
+    return await work_out(request, runtime, service, resolved, until_sent)
 
 
-async def _answer(
+async def work_out(
     request: Request,
     runtime: Runtime,
-    service: PlanningService,
-    resolved: ResolvedRequest[Any],
+    service: Answers[T],
+    resolved: T,
     until_sent: ExitStack,
 ) -> Response:
-    """Have it planned in a thread, within its deadline and while the client waits."""
+    """Have it worked out in a thread, within its deadline and while the client waits."""
     work = resolved.work
-    request.state.log_fields |= {
-        "method": resolved.recipe.method.name,
-        "num_candidates": resolved.request.num_candidates,
-        "num_targets": resolved.num_targets,
-        "seed": resolved.seed,
-    }
-    if work.model:
-        request.state.log_fields["model"] = work.model.label
+    request.state.log_fields |= resolved.log_fields
     is_gzip_accepted = accepts_gzip(",".join(request.headers.getlist("Accept-Encoding")))
 
     def answer(waited_ms: float) -> tuple[Body, dict[str, float]]:
@@ -176,7 +189,7 @@ async def methods() -> list[MethodDescription]:
     return describe_methods()
 
 
-@router.get("/models", responses=_problems(NOT_READY), tags=["about"])
+@router.get("/models", responses=problems(NOT_READY), tags=["about"])
 async def models(service: ServiceDependency) -> list[ModelDescription]:
     """List the models that plans can be made with."""
     return [_describe(model) for model in service.models.models]
@@ -217,7 +230,7 @@ async def livez() -> Health:
 
 @router.get(
     "/readyz",
-    responses=_problems(NOT_READY),
+    responses=problems(NOT_READY),
     dependencies=[Depends(get_service)],
     tags=["health"],
 )
@@ -229,13 +242,14 @@ async def readyz() -> Health:
 @router.get("/metrics", response_class=PlainTextResponse, tags=["health"])
 async def metrics(request: Request, runtime: RuntimeDependency) -> Response:
     """Count and time all that was asked, in Prometheus' text format."""
-    body, content_type = request.state.metrics.render(runtime.pending)
+    metrics = request.state.metrics
+    body, content_type = metrics.render(runtime.pending, runtime.open_sessions)
     return Response(body, media_type=content_type)
 
 
 @admin_router.post(
     "/admin/reload",
-    responses=_problems((409, "A model is not in order; those in use stay."), NOT_READY),
+    responses=problems((409, "A model is not in order; those in use stay."), NOT_READY),
     tags=["admin"],
 )
 async def reload(runtime: RuntimeDependency) -> list[ModelDescription]:

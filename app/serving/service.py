@@ -244,6 +244,17 @@ class ResolvedRequest(Generic[R]):
         initial_state = as_state(self.request.initial_state)
         return state_after(self.request.pending_controls, initial_state, self.system)
 
+    @property
+    def log_fields(self) -> dict[str, Any]:
+        """What the service's log tells of it."""
+        fields = {
+            "method": self.recipe.method.name,
+            "num_candidates": self.request.num_candidates,
+            "num_targets": self.num_targets,
+            "seed": self.seed,
+        }
+        return fields | ({"model": self.work.model.label} if self.work.model else {})
+
     def provenance(self) -> dict[str, Any]:
         """Return the fields of an answer that say where it comes from."""
         manifest = self.work.model and self.work.model.manifest

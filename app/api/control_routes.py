@@ -1,0 +1,39 @@
+"""The routes of closed loops: whole runs, and a single step; sessions are in control_socket.py."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from app.api.body import JsonRoute
+from app.api.routes import PLAN_PROBLEMS, RuntimeDependency, UntilSent, work_out
+from app.wire.control import ControlRequest, ControlResponse
+from app.wire.model import build_checks
+from app.wire.simulation import SimulateRequest, SimulateResponse
+
+CONTROL_PROBLEMS = {status: told for status, told in PLAN_PROBLEMS.items() if status != 404}
+
+build_checks()
+router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
+
+
+@router.post(
+    "/simulate", response_model=SimulateResponse, responses=CONTROL_PROBLEMS, tags=["control"]
+)
+async def simulate(
+    body: SimulateRequest, request: Request, runtime: RuntimeDependency, until_sent: UntilSent
+) -> Response:
+    """Run a controller or a control sequence on a true plant, once for each of many seeds."""
+    service = runtime.simulation
+    resolved = service.resolve(body, request.state.arrived)
+    return await work_out(request, runtime, service, resolved, until_sent)
+
+
+@router.post(
+    "/control", response_model=ControlResponse, responses=CONTROL_PROBLEMS, tags=["control"]
+)
+async def control(
+    body: ControlRequest, request: Request, runtime: RuntimeDependency, until_sent: UntilSent
+) -> Response:
+    """Do one step of a closed loop; the client carries what the next one needs."""
+    service = runtime.control
+    resolved = service.resolve(body, request.state.arrived)
+    return await work_out(request, runtime, service, resolved, until_sent)

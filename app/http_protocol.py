@@ -16,10 +16,11 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from app.api.errors import MalformedHttp, answer_malformed_http
 from app.api.telemetry import Telemetry
-from app.send_timeout import SendingConfig, SendTimeout
-from app.websocket_protocol import IPV4_MAPPED, is_handshake
+from app.send_timeout import SendTimeout
+from app.websocket_protocol import IPV4_MAPPED, WebSocketConfig, is_handshake
 
-class ProtocolConfig(SendingConfig):
+
+class ProtocolConfig(WebSocketConfig):
     """What the protocol is told."""
 
     header_timeout_s: float
@@ -43,6 +44,7 @@ class Protocol(SendTimeout, H11Protocol):
 
     def __init__(self, config: ProtocolConfig, *args: Any, **kwargs: Any) -> None:
         super().__init__(config, *args, **kwargs)
+        self.send_timeout_s = config.send_timeout_s
         self.conn = _Connection(self._refuse)
         self._application: ASGIApp = self.app
         self.app = self._run

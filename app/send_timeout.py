@@ -6,8 +6,6 @@ import socket
 import struct
 import sys
 
-import uvicorn
-
 UNSENT_BYTES = 1 << 16
 """The kernel takes no more than this and what is under way to the client."""
 TCP_NOTSENT_LOWAT = 25
@@ -16,12 +14,6 @@ RESET = struct.pack("ii", 1, 0)
 """For SO_LINGER: what the kernel still holds for the client is thrown away, too."""
 
 log = logging.getLogger(__name__)
-
-
-class SendingConfig(uvicorn.Config):
-    """What the protocol below is told."""
-
-    send_timeout_s: float
 
 
 class SendTimeout(asyncio.Protocol):
@@ -33,7 +25,7 @@ class SendTimeout(asyncio.Protocol):
     to wait until most of them are taken.
     """
 
-    config: SendingConfig
+    send_timeout_s: float
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
     _send_timer: asyncio.TimerHandle | None = None
@@ -47,7 +39,7 @@ class SendTimeout(asyncio.Protocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self._send_timer = self.loop.call_later(self.config.send_timeout_s, self._drop)
+        self._send_timer = self.loop.call_later(self.send_timeout_s, self._drop)
 
     def resume_writing(self) -> None:
         super().resume_writing()
@@ -63,7 +55,7 @@ class SendTimeout(asyncio.Protocol):
             self._send_timer = None
 
     def _drop(self) -> None:
-        log.info("dropped a client that took nothing for %g s", self.config.send_timeout_s)
+        log.info("dropped a client that took nothing for %g s", self.send_timeout_s)
         connection = self.transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
         self.transport.abort()

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from typing import Any
 
+import uvicorn
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
@@ -21,11 +22,18 @@ quiet_log = logging.getLogger("uvicorn.error.websocket")
 quiet_log.setLevel(logging.WARNING)
 
 
+class WebSocketConfig(uvicorn.Config):
+    """What the protocol is told."""
+
+    send_timeout_s: float
+
+
 class WebSocketProtocol(SendTimeout, WebSocketsSansIOProtocol):
     """Drops clients that do not read, and calls them by their own addresses."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+    def __init__(self, config: WebSocketConfig, *args: Any, **kwargs: Any) -> None:
+        super().__init__(config, *args, **kwargs)
+        self.send_timeout_s = config.send_timeout_s
         self.logger = self.conn.logger = quiet_log
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]

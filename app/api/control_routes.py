@@ -1,5 +1,7 @@
 """The routes of closed loops: whole runs, and a single step; sessions are in control_socket.py."""
 
+from http import HTTPStatus
+
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
@@ -9,7 +11,8 @@ from app.wire.control import ControlRequest, ControlResponse
 from app.wire.model import build_checks
 from app.wire.simulation import SimulateRequest, SimulateResponse
 
-CONTROL_PROBLEMS = {status: told for status, told in PLAN_PROBLEMS.items() if status != 404}
+CONTROL_PROBLEMS = dict(PLAN_PROBLEMS)
+del CONTROL_PROBLEMS[HTTPStatus.NOT_FOUND]  # no model is asked for
 
 build_checks()
 router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)

@@ -113,12 +113,13 @@ class Resolved(Protocol):
 
 
 T = TypeVar("T", bound=Resolved)
+T_contra = TypeVar("T_contra", bound=Resolved, contravariant=True)
 
 
-class Answers(Protocol[T]):
+class Answers(Protocol[T_contra]):
     """What works out the answers to such requests."""
 
-    def answer(self, resolved: T, waited_ms: float) -> dict[str, Any]: ...
+    def answer(self, resolved: T_contra, waited_ms: float) -> dict[str, Any]: ...
 
 
 @router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])

@@ -16,8 +16,10 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse
+from app.wire.control import ControlRequest, ControlResponse
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
+from app.wire.simulation import MAX_RUNS, SimulateRequest, SimulateResponse
 
 PATIENCE_SECONDS = 300.0
 LONGEST_WAIT_SECONDS = 10.0
@@ -76,6 +78,14 @@ class PlannerClient:
         """Ask `POST /plan_multistep`; errors as for `plan`."""
         response = self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
+
+    def simulate(self, request: SimulateRequest) -> SimulateResponse:
+        """Ask `POST /simulate`; errors as for `plan`."""
+        return _read(SimulateResponse, self._http.post("/simulate", json=_body(request)))
+
+    def control(self, request: ControlRequest) -> ControlResponse:
+        """Ask `POST /control` for one step; errors as for `plan`."""
+        return _read(ControlResponse, self._http.post("/control", json=_body(request)))
 
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
@@ -141,6 +151,16 @@ class AsyncPlannerClient:
         response = await self._http.post("/plan_multistep", json=_body(request))
         return _read(MultistepPlanResponse, response)
 
+    async def simulate(self, request: SimulateRequest) -> SimulateResponse:
+        """Ask `POST /simulate`; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/simulate", json=_body(request))
+        return _read(SimulateResponse, response)
+
+    async def control(self, request: ControlRequest) -> ControlResponse:
+        """Ask `POST /control` for one step; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/control", json=_body(request))
+        return _read(ControlResponse, response)
+
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
         return MODELS.validate_json(_accepted(await self._http.get("/models")).content)
@@ -173,11 +193,13 @@ class AsyncPlannerClient:
         await self.aclose()
 
 
-def _body(request: PlanRequest | MultistepPlanRequest) -> dict[str, Any]:
+def _body(
+    request: PlanRequest | MultistepPlanRequest | SimulateRequest | ControlRequest,
+) -> dict[str, Any]:
     """Return what is sent, at every attempt the same."""
     body = request.model_dump()
     if request.seed is None:
-        body["seed"] = secrets.randbelow(MAX_SEED + 1)
+        body["seed"] = secrets.randbelow(MAX_SEED - MAX_RUNS + 1)
     return body
 
 

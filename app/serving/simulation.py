@@ -73,9 +73,7 @@ class SimulationService:
         self._settings = settings
         self._rates = rates
 
-    def resolve(
-        self, request: SimulateRequest, arrived: float | None = None
-    ) -> ResolvedSimulation:
+    def resolve(self, request: SimulateRequest, arrived: float | None = None) -> ResolvedSimulation:
         """Settle what a request leaves open, and refuse what it may not ask.
 
         Args:
@@ -151,9 +149,7 @@ class SimulationService:
         request, machine = resolved.request, resolved.machine
         controller = request.controller or Controls(np.array(request.controls, dtype=np.float64))
         target = request.target_state or request.initial_state
-        told = ToldOf(
-            resolved.nominal_system, target[0], request.steps_left, request.knows_delay
-        )
+        told = ToldOf(resolved.nominal_system, target[0], request.steps_left, request.knows_delay)
         seeds = range(resolved.seed, resolved.seed + request.num_runs)
         runs = simulate(
             machine,

@@ -79,9 +79,7 @@ class Stop(Asked):
 
 
 AskedMessage: TypeAlias = Start | Measure | Target | Stop
-ASKED: TypeAdapter[AskedMessage] = TypeAdapter(
-    Annotated[AskedMessage, Field(discriminator="type")]
-)
+ASKED: TypeAdapter[AskedMessage] = TypeAdapter(Annotated[AskedMessage, Field(discriminator="type")])
 
 
 class Started(WireModel):

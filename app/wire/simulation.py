@@ -4,10 +4,10 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import ConfigDict, Field, model_validator
 
+from app.planning.control import simulation as domain
 from app.planning.control.memory import MAX_PLAN
 from app.planning.control.observer import Noise
 from app.planning.control.simulation import MAX_STEPS, Pulse, Sensor
-from app.planning.control import simulation as domain
 from app.planning.plant.system import System
 from app.wire.control import (
     ControllerField,
@@ -146,9 +146,7 @@ class RunReport(WireModel):
         description="The first step from which the mass stays within 1 cm of the target; absent "
         "if there is none.",
     )
-    hunting: bool = Field(
-        description="Whether the mass moves in 8 or more of the last 32 steps."
-    )
+    hunting: bool = Field(description="Whether the mass moves in 8 or more of the last 32 steps.")
     control_energy: float = Field(description="sum of u_k^2, (units of control)^2.")
     status: Status | None = Field(
         None, description="What the controller said at last; absent of an open loop."

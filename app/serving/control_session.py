@@ -4,7 +4,7 @@ Who is let in, and where steps are computed, is in control_sessions.py.
 """
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Literal, TypeAlias
 
@@ -13,19 +13,17 @@ from app.planning.control.carry import write_carry
 from app.planning.control.memory import Memory
 from app.planning.control.step import ControlStep, Goal, Measurement, control_step
 from app.planning.plant.system import System
-from app.serving.control import check_measured, memory_of, step_timing
-from app.serving.rates import Rate
+from app.serving.control import check_measured, memory_of, step_timing, steps_of
+from app.serving.rates import SECONDS_PER_STEP, Rate
 from app.serving.refusals import OutOfOrder
 from app.serving.service import check_controls
 from app.wire.sessions import AskedMessage, Measure, Start, Stop, Target
 
 Fields: TypeAlias = dict[str, Any]
 EndReason: TypeAlias = Literal["stopped", "idle", "draining"]
-Compute: TypeAlias = Callable[[Callable[[], ControlStep]], Awaitable[tuple[ControlStep, float]]]
-"""Calls a function where steps are computed; returns its result and the seconds that it took."""
 
-STEP_SECONDS, PRIOR_STEPS = 2e-4, 20
-"""What a step takes in its thread, until that was measured: a guess, rather too long."""
+STEP_SECONDS, PRIOR_STEPS = 1e-4, 20
+"""What a step takes beside what is simulated in it, until that was measured."""
 MESSAGE_SECONDS = 3e-4
 """What a message takes besides: reading, checking and writing."""
 
@@ -41,7 +39,7 @@ class Loop:
     memory: Memory | None
     deadline_ms: float
     include: frozenset[str]
-    seconds: Rate = field(default_factory=lambda: Rate(STEP_SECONDS, PRIOR_STEPS))
+    seconds: Rate
     """Of a step."""
 
     @property
@@ -50,12 +48,18 @@ class Loop:
         return (self.seconds.seconds_per_unit + MESSAGE_SECONDS) / self.system.time_step
 
 
+Compute: TypeAlias = Callable[
+    [Loop, Callable[[], ControlStep]], Awaitable[tuple[ControlStep, float]]
+]
+"""Calls a function that does a step of a loop; returns it, and the seconds that it took."""
+
+
 class Session:
     """One machine's loop; every message gets one answer.
 
     Args:
         admit: lets a loop in, or raises `Refused`.
-        compute: where steps are computed.
+        compute: has steps computed.
     """
 
     def __init__(self, admit: Callable[[Loop], None], compute: Compute) -> None:
@@ -117,6 +121,7 @@ class Session:
             memory_of("/resume", message.resume),
             message.deadline_ms or 1e3 * system.time_step,
             frozenset(message.include),
+            Rate(_expected_seconds(message), PRIOR_STEPS),
         )
         self._admit(loop)
         self.loop = loop
@@ -144,7 +149,7 @@ class Session:
                 pending_controls=loop.pending_controls,
             )
 
-        taken, seconds = await self._compute(take)
+        taken, seconds = await self._compute(loop, take)
         loop.seconds.add(seconds, 1)
         total_ms = 1e3 * (perf_counter() - arrived)
         is_late = total_ms > loop.deadline_ms
@@ -181,3 +186,8 @@ class Session:
         if self.loop is None:
             raise OutOfOrder("the session has not started")
         return self.loop
+
+
+def _expected_seconds(start: Start) -> float:
+    """Return about how long a step of a loop takes."""
+    return STEP_SECONDS + SECONDS_PER_STEP * steps_of(start.controller, start.steps_left)

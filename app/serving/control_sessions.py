@@ -14,19 +14,23 @@ from app.serving.control_session import Loop, Session
 from app.serving.refusals import Refused
 from app.settings import Settings
 
+AT_ONCE_SECONDS = 5e-4
+"""A step that takes no longer is computed where its message is read: to hand it to a thread and
+back takes as long, and both have to wait for a core."""
 MOST_LOAD = 0.8
 """Of the event loop's time, for which all sessions together may keep it busy."""
 POLL_SECONDS = 0.02
 
 
 class ControlSessions:
-    """Lets sessions in, computes their steps in threads of their own, and ends them all.
+    """Lets sessions in, sees to it that their steps are computed, and ends them all.
 
-    No step waits for a plan or for the network: these threads do nothing else.
+    No step waits for a plan or for the network: short ones are done at once, others in threads that
+    do nothing else.
 
     Args:
         settings: how many there may be.
-        num_threads: that compute steps; those of one session follow each other.
+        num_threads: that compute long steps; those of one session follow each other.
     """
 
     def __init__(self, settings: Settings, num_threads: int) -> None:
@@ -78,10 +82,16 @@ class ControlSessions:
             detail = f"the sessions would need {total:.0%} of the time, and get {MOST_LOAD:.0%}"
             raise Refused("queue_full", detail, 1.0)
 
-    async def _compute(self, take: Callable[[], ControlStep]) -> tuple[ControlStep, float]:
+    async def _compute(
+        self, loop: Loop, take: Callable[[], ControlStep]
+    ) -> tuple[ControlStep, float]:
+        """Return a step, and the seconds that it took."""
+
         def timed() -> tuple[ControlStep, float]:
             began = perf_counter()
             taken = take()
             return taken, perf_counter() - began
 
+        if loop.seconds.seconds_per_unit <= AT_ONCE_SECONDS:
+            return timed()
         return await asyncio.get_running_loop().run_in_executor(self._threads, timed)

@@ -29,7 +29,7 @@ class WebSocketConfig(uvicorn.Config):
 
 
 class WebSocketProtocol(SendTimeout, WebSocketsSansIOProtocol):
-    """Drops clients that do not read, and calls them by their own addresses."""
+    """Drops clients that do not read, calls them by their own addresses, and may refuse."""
 
     def __init__(self, config: WebSocketConfig, *args: Any, **kwargs: Any) -> None:
         super().__init__(config, *args, **kwargs)
@@ -41,6 +41,12 @@ class WebSocketProtocol(SendTimeout, WebSocketsSansIOProtocol):
         if self.client:
             host, port = self.client
             self.client = host.removeprefix(IPV4_MAPPED), port
+
+    async def send(self, message: Any) -> None:
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body" and self.close_sent:
+            # A refusal is an answer as well; it would be logged as an error of ours.
+            self.handshake_complete = True
 
 
 def is_handshake(scope: Any) -> bool:

@@ -5,7 +5,7 @@ A command imports what it needs when it runs, so that help and small commands ar
 
 import click
 
-from app.cli import bench, evaluate, models, plan, serve
+from app.cli import bench, control, evaluate, models, plan, serve
 
 
 class OrderedGroup(click.Group):
@@ -21,5 +21,12 @@ def breakaway() -> None:
     """Plan open-loop control through dry friction and stiction."""
 
 
-for command in (serve.serve, plan.plan, evaluate.evaluate, models.models, bench.bench):
+for command in (
+    serve.serve,
+    plan.plan,
+    control.control,
+    evaluate.evaluate,
+    models.models,
+    bench.bench,
+):
     breakaway.add_command(command)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
+from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
 from app.failure import Failure
 from app.settings_options import read_settings
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from app.wire.answers import MultistepPlanResponse, PlanResponse
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
-STANDARD_OUTPUT = Path("-")
 STATE: dict[str, Any] = {"type": float, "nargs": 2, "metavar": "P V"}
 FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
 
@@ -104,12 +104,12 @@ def plan(
     options = {name: value for name, value in fields.items() if value is not None}
     request = read_request(request_file, options)
     if json_file and json_file != STANDARD_OUTPUT:
-        _check_writable("--json", json_file)
+        check_writable("--json", json_file)
     if picture:
         from app.cli.plan_picture import check_picture, write_picture
 
         check_picture(request, picture)
-        _check_writable("--picture", picture)
+        check_writable("--picture", picture)
     answer = _make_plan(request, options, with_candidates=picture is not None)
     print_plan(Console(stderr=json_file == STANDARD_OUTPUT), request, answer)
     if json_file:
@@ -208,17 +208,6 @@ def _load_models(
     return models, engine
 
 
-def _check_writable(option: str, file: Path) -> None:
-    """Find out before the plan is made, and not after it, that it has no place to go."""
-    is_new = not file.exists()
-    try:
-        file.open("ab").close()
-    except OSError as error:
-        raise Failure(f"{option}: {file}: {error.strerror}") from None
-    if is_new:
-        file.unlink()
-
-
 def _write_json(
     request: "PlanRequest | MultistepPlanRequest",
     answer: "PlanResponse | MultistepPlanResponse",
@@ -226,8 +215,4 @@ def _write_json(
 ) -> None:
     not_asked_for = {"candidates"} - set(request.include)
     text = answer.model_dump_json(exclude_none=True, exclude=not_asked_for, indent=1)
-    try:
-        with click.open_file(str(file), "w", encoding="utf-8") as stream:
-            stream.write(text + "\n")
-    except OSError as error:
-        raise Failure(f"--json: {file}: {error.strerror}") from None
+    write_text("--json", file, text)

@@ -2,12 +2,9 @@
 
 from pathlib import Path
 
-import matplotlib
-from matplotlib.backend_bases import FigureCanvasBase
-
+from app.cli import files
 from app.failure import Failure
 from app.figures.plan import draw_plan
-from app.figures.style import STYLE_FILE
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
@@ -18,9 +15,7 @@ def check_picture(request: PlanRequest | MultistepPlanRequest, file: Path) -> No
     Raises:
         Failure: nobody knows the file's format, or how to draw plans to several targets.
     """
-    formats = FigureCanvasBase.get_supported_filetypes()
-    if file.suffix.removeprefix(".").lower() not in formats:
-        raise Failure(f"--picture: {file} must end in one of: {', '.join(formats)}")
+    files.check_picture_format(file)
     if isinstance(request, MultistepPlanRequest):
         raise Failure("--picture: plans to several targets are not drawn, only those to one")
 
@@ -37,8 +32,4 @@ def write_picture(
     """
     assert isinstance(request, PlanRequest)
     assert isinstance(answer, PlanResponse)
-    try:
-        with matplotlib.rc_context(fname=STYLE_FILE):
-            draw_plan(request, answer).savefig(file)
-    except OSError as error:
-        raise Failure(f"--picture: {file}: {error.strerror}") from None
+    files.write_picture(lambda: draw_plan(request, answer), file)

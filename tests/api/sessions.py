@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import httpx
+import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
@@ -33,12 +34,10 @@ class Session:
 
     def closed(self) -> tuple[int, str]:
         """Return the code and the reason with which the service closes it."""
-        try:
-            told = self.connection.recv(timeout=START_SECONDS)
-        except ConnectionClosed as closed:
-            assert closed.rcvd is not None
-            return closed.rcvd.code, closed.rcvd.reason
-        raise AssertionError(told)
+        with pytest.raises(ConnectionClosed) as closed:
+            self.connection.recv(timeout=START_SECONDS)
+        assert closed.value.rcvd is not None
+        return closed.value.rcvd.code, closed.value.rcvd.reason
 
 
 def socket_url(client: httpx.Client) -> str:

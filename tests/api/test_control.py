@@ -141,7 +141,11 @@ def test_what_is_not_measured_is_null(client: httpx.Client) -> None:
         ("/control", {"target_state": [0.2, 0.1]}, "/target_state"),
         ("/control", {"position": 0.1}, ""),
         ("/control", {"controller": "lqr"}, "/controller"),
-        ("/control", {"controller": {"name": "pd", "proportional": -1}}, "/controller/proportional"),
+        (
+            "/control",
+            {"controller": {"name": "pd", "proportional": -1}},
+            "/controller/proportional",
+        ),
         ("/control", {"pending_controls": [2.0]}, "/pending_controls/0"),
         ("/control", {"carry": {}}, "/carry/version"),
         ("/control", {"carry": [1]}, "/carry"),

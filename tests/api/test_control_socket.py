@@ -28,7 +28,7 @@ IDLE_S = 0.5
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    """A client of a service that needs a key, has room for two sessions, and soon loses patience."""
+    """A client of a service that needs a key, has room for two sessions, and little patience."""
     settings = Settings(
         model_store=tmp_path_factory.mktemp("empty"),
         api_keys=KEY,

@@ -187,7 +187,7 @@ def pass_through(wrap: Wrap, scope: Scope) -> tuple[bool, list[Message]]:
 
 
 class Careless(HttpMiddleware):
-    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def handle(self, *_: object) -> None:
         raise AssertionError
 
 

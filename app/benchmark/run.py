@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from app.benchmark.concurrency import concurrency
+from app.benchmark.control import control
 from app.benchmark.network import network
 from app.benchmark.planning import planning
 from app.benchmark.quick_plans import quick_plans
@@ -53,4 +54,6 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     yield from service(chosen)
     yield "\n## Many requests at once\n"
     yield from concurrency()
+    yield "\n## Closed loop\n"
+    yield from control()
     engine.close()

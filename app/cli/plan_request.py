@@ -48,8 +48,9 @@ def read_request(
     body = {"initial_state": AT_REST} | read_body(file)
     if "target_state" in options:
         body.pop("targets", None)
-    kind = MultistepPlanRequest if "targets" in body else PlanRequest
-    return validated(kind, body, options)
+    if "targets" in body:
+        return validated(MultistepPlanRequest, body, options)
+    return validated(PlanRequest, body, options)
 
 
 def validated(kind: type[T], body: Mapping[str, Any], options: Mapping[str, Any]) -> T:

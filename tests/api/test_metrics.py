@@ -27,7 +27,7 @@ PLAN = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "uniform"}
 
 
 def rendered(metrics: Metrics) -> str:
-    return metrics.render({"tiny/1": Pending(2, 300, 5000)})[0].decode()
+    return metrics.render({"tiny/1": Pending(2, 300, 5000)}, 0)[0].decode()
 
 
 def test_all_names_are_ours_and_carry_the_model() -> None:
@@ -60,7 +60,8 @@ def test_what_is_pending_is_told_as_it_is_now() -> None:
     assert value(rendered(metrics), "breakaway_pending_requests", model="tiny/1") == 2
     assert value(rendered(metrics), "breakaway_rows_waiting", model="tiny/1") == 300
     assert value(rendered(metrics), "breakaway_answer_bytes", model="tiny/1") == 5000
-    text = metrics.render({"other/1": Pending(1, 0)})[0].decode()
+    text = metrics.render({"other/1": Pending(1, 0)}, 3)[0].decode()
+    assert value(text, "breakaway_control_sessions") == 3
     assert 'breakaway_pending_requests{model="tiny/1"}' not in text
 
 

@@ -6,7 +6,16 @@ from types import ModuleType
 import pytest
 from markdown_it import MarkdownIt
 
-from app.benchmark import concurrency, network, planning, quick_plans, run, sampling, service
+from app.benchmark import (
+    concurrency,
+    control,
+    network,
+    planning,
+    quick_plans,
+    run,
+    sampling,
+    service,
+)
 from app.settings import SHIPPED_MODELS
 
 SIZES: dict[ModuleType, dict[str, object]] = {
@@ -16,6 +25,7 @@ SIZES: dict[ModuleType, dict[str, object]] = {
     quick_plans: {"SEQUENCES": 1},
     service: {"PAIRS": 1, "CALLS": 1},
     concurrency: {"SMALL_REQUESTS": 1, "CLIENTS": 2, "REQUESTS_EACH": 1},
+    control: {"STEPS": 10, "SESSIONS": 2, "SECONDS": 0.1},
 }
 
 
@@ -40,9 +50,10 @@ def test_the_page_has_a_section_for_each_benchmark_with_lists_and_tables() -> No
         "Planning",
         "The service",
         "Many requests at once",
+        "Closed loop",
     ]
     kinds = [token.type for token in tokens]
     assert kinds.count("table_open") == 2
-    assert kinds.count("bullet_list_open") == 4
+    assert kinds.count("bullet_list_open") == 5
     # Nothing stands in a paragraph of its own but the line that says what was measured.
     assert len([t for t in tokens if t.type == "paragraph_open" and t.level == 0]) == 1

@@ -5,6 +5,7 @@ import logging
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Coroutine
 from contextvars import Context
@@ -25,6 +26,11 @@ FAILED_SECONDS = 5
 """How long a service that could not start tells so, before it ends."""
 SENDING_SECONDS = 10
 """How long clients may take to read their answers once all plans are made and the service ends."""
+
+SWITCH_SECONDS = 5e-4
+"""How long a thread may keep the interpreter from the event loop; Python's own number, ten times
+that, is as much as a controlled machine has for a whole step, and a step asks for it several times.
+"""
 
 BACKLOG = 2048
 """Connections that wait to be accepted; uvicorn's own number."""
@@ -50,6 +56,7 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start, and listen to SIGHUP."""
+        sys.setswitchinterval(SWITCH_SECONDS)
         await super().startup(sockets)
         self._loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():

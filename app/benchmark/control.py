@@ -2,11 +2,12 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from itertools import count
 from statistics import median
 from time import perf_counter
+from typing import Any
 
 import httpx
 import numpy as np
@@ -94,15 +95,15 @@ async def _drive(url: str, steps: int, begin: float | None = None) -> tuple[list
                 socket, {"type": "measure", "position": state[0], "velocity": state[1]}
             )
             seconds.append(perf_counter() - asked)
-            late += told["late"] or seconds[-1] > MACHINE.time_step
+            late += bool(told["late"]) or seconds[-1] > MACHINE.time_step
             state = rollout(MACHINE, state, np.array([[told["control"]]]))[0, -1]
         await _ask(socket, {"type": "stop"})
     return seconds, late
 
 
-async def _ask(socket: ClientConnection, message: dict[str, object]) -> dict[str, float]:
+async def _ask(socket: ClientConnection, message: Mapping[str, object]) -> dict[str, Any]:
     await socket.send(json.dumps(message))
-    told: dict[str, float] = json.loads(await socket.recv())
+    told: dict[str, Any] = json.loads(await socket.recv())
     assert told["type"] != "error", told
     return told
 

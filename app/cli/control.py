@@ -82,9 +82,9 @@ def control(
     picture: Path | None,
     **fields: Any,
 ) -> None:
-    """Control a simulated machine that is not what its controller believes; print what came of it.
+    """Control a simulated machine, and print what came of it.
 
-    What to simulate is said by a file (--request), by options with the names of its fields, or by
+    The machine need not be what its controller believes. What to simulate is said by a file (--request), by options with the names of its fields, or by
     both: an option overrides what the file says.
 
     \b

@@ -41,6 +41,7 @@ def print_runs(console: Console, request: SimulateRequest, answer: SimulateRespo
             f"{median(errors):.6f} m, worst {max(errors):.6f} m; {len(settled)} settled within "
             f"1 cm, {sum(run.hunting for run in runs)} hunt",
             highlight=False,
+            soft_wrap=True,
         )
     console.print(
         f"{answer.timing_ms.total:.2f} ms, {1e3 * answer.timing_ms.total / _steps(runs):.1f} "

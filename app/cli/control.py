@@ -84,8 +84,9 @@ def control(
 ) -> None:
     """Control a simulated machine, and print what came of it.
 
-    The machine need not be what its controller believes. What to simulate is said by a file (--request), by options with the names of its fields, or by
-    both: an option overrides what the file says.
+    The machine need not be what its controller believes. What to simulate is said by a file
+    (--request), by options with the names of its fields, or by both: an option overrides what the
+    file says.
 
     \b
     breakaway control --simulate --target-state 0.2 0

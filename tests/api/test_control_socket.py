@@ -3,7 +3,9 @@
 import json
 import logging
 import socket
+from collections import deque
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import httpx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
@@ -256,6 +258,16 @@ def test_too_long_a_message_ends_its_session_and_nothing_else(small: httpx.Clien
         session.send("x" * 3000)
         assert session.closed()[0] == 1009
         assert other.ask(START)["type"] == "started"
+
+
+def test_who_does_not_read_is_dropped(tmp_path: Path) -> None:
+    with serving(Settings(model_store=tmp_path, send_timeout_s=0.3)) as client:
+        wait_until_ready(client)
+        with opened(client) as session:
+            session.ask(START | {"include": ["plan", "carry"]})
+            with pytest.raises(ConnectionClosed):
+                deque((session.send(REST) for _ in count()), maxlen=0)
+        wait_until(lambda: value(client.get("/metrics").text, "breakaway_control_sessions") == 0)
 
 
 def test_a_connection_that_drops_ends_its_session_and_nothing_else(

@@ -12,36 +12,39 @@ import h11
 from asgi_correlation_id import CorrelationIdMiddleware
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from uvicorn.protocols.http.h11_impl import RequestResponseCycle
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from app.api.errors import MalformedHttp, answer_malformed_http
 from app.api.telemetry import Telemetry
-from app.send_timeout import SendingConfig, SendTimeout
-
-IPV4_MAPPED = "::ffff:"
-"""What a socket for both families puts before an IPv4 address."""
+from app.send_timeout import SendTimeout
+from app.websocket_protocol import IPV4_MAPPED, WebSocketConfig, is_handshake
 
 
-class ProtocolConfig(SendingConfig):
+class ProtocolConfig(WebSocketConfig):
     """What the protocol is told."""
 
     header_timeout_s: float
+    session_paths: frozenset[str]
+    """Where a WebSocket may be asked for."""
 
 
-class Protocol(SendTimeout):
+class Protocol(SendTimeout, H11Protocol):
     """Bounds the time for a request's head, and answers what is no HTTP like any other request.
 
     The time runs from the connection's start, and on one that is kept alive from the first byte
     after an answer; it does not run between requests (uvicorn's own limit does) nor while a
-    request is answered.
+    request is answered. A connection that becomes a WebSocket goes over to another protocol; every
+    request for one that cannot be is answered as a request.
     """
 
     config: ProtocolConfig
     _head_timer: asyncio.TimerHandle | None = None
     _error: MalformedHttp | None = None
+    _is_handed_over = False
 
     def __init__(self, config: ProtocolConfig, *args: Any, **kwargs: Any) -> None:
         super().__init__(config, *args, **kwargs)
+        self.send_timeout_s = config.send_timeout_s
         self.conn = _Connection(self._refuse)
         self._application: ASGIApp = self.app
         self.app = self._run
@@ -57,7 +60,10 @@ class Protocol(SendTimeout):
         if self._error is not None:
             return
         super().data_received(data)
-        if self.cycle is None or self.cycle.response_complete:
+        if self._is_handed_over:
+            self._head_is_here()
+            self._stop_send_timer()
+        elif self.cycle is None or self.cycle.response_complete:
             self._await_head()
         else:
             self._head_is_here()
@@ -65,6 +71,17 @@ class Protocol(SendTimeout):
     def connection_lost(self, exc: Exception | None) -> None:
         self._head_is_here()
         super().connection_lost(exc)
+
+    def _should_upgrade(self) -> bool:
+        return (
+            super()._should_upgrade()
+            and self.scope["path"] in self.config.session_paths
+            and is_handshake(self.scope)
+        )
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        self._is_handed_over = True
+        super().handle_websocket_upgrade(event)
 
     def _unsupported_upgrade_warning(self) -> None:
         """Say nothing: uvicorn would have the operator install something."""

@@ -12,6 +12,8 @@ from fastapi_offline import FastAPIOffline
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
+from app.api import control_socket
+from app.api.control_routes import router as control_router
 from app.api.documentation import add_pages, document_middleware
 from app.api.errors import install_error_handlers
 from app.api.identification import IDENTIFY_PATH
@@ -71,8 +73,9 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
     )
     install_error_handlers(app)
     # The routes themselves: an included router would look for each anew, at every request.
-    for routed in (planning_router, identification_router, router):
+    for routed in (planning_router, identification_router, control_router, router):
         app.router.routes += routed.routes
+    app.router.routes.append(control_socket.route)
     if settings.admin:
         app.router.routes += admin_router.routes
     add_pages(app)
@@ -87,7 +90,7 @@ def _middleware(settings: Settings, metrics: Metrics, keys: list[bytes]) -> list
         Middleware(RequestTarget, root_path=settings.root_path),
         Middleware(CorrelationIdMiddleware, validator=is_request_id),
         Middleware(Telemetry, metrics=metrics),
-        Middleware(Unsupported),
+        Middleware(Unsupported, origins=settings.cors_origins),
     ]
     if settings.cors_origins:  # outside the keys: a browser's preflight brings none
         passed.append(

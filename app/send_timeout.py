@@ -6,9 +6,6 @@ import socket
 import struct
 import sys
 
-import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
-
 UNSENT_BYTES = 1 << 16
 """The kernel takes no more than this and what is under way to the client."""
 TCP_NOTSENT_LOWAT = 25
@@ -19,14 +16,8 @@ RESET = struct.pack("ii", 1, 0)
 log = logging.getLogger(__name__)
 
 
-class SendingConfig(uvicorn.Config):
-    """What the protocol below is told."""
-
-    send_timeout_s: float
-
-
-class SendTimeout(H11Protocol):
-    """Drops a client that leaves lying what is sent to it.
+class SendTimeout(asyncio.Protocol):
+    """Drops a client that leaves lying what is sent to it; stands before one of uvicorn's classes.
 
     The time runs while the transport holds bytes that the kernel does not take. Whoever sends waits
     meanwhile, so these are one part of an answer at most: a slow client has the time anew for each
@@ -34,7 +25,9 @@ class SendTimeout(H11Protocol):
     to wait until most of them are taken.
     """
 
-    config: SendingConfig
+    send_timeout_s: float
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
     _send_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -46,7 +39,7 @@ class SendTimeout(H11Protocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self._send_timer = self.loop.call_later(self.config.send_timeout_s, self._drop)
+        self._send_timer = self.loop.call_later(self.send_timeout_s, self._drop)
 
     def resume_writing(self) -> None:
         super().resume_writing()
@@ -62,7 +55,7 @@ class SendTimeout(H11Protocol):
             self._send_timer = None
 
     def _drop(self) -> None:
-        log.info("dropped a client that took nothing for %g s", self.config.send_timeout_s)
+        log.info("dropped a client that took nothing for %g s", self.send_timeout_s)
         connection = self.transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
         self.transport.abort()

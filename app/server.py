@@ -5,6 +5,7 @@ import logging
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Coroutine
 from contextvars import Context
@@ -13,16 +14,23 @@ from types import FrameType
 import uvicorn
 from starlette.types import ASGIApp
 
+from app.api.control_socket import PATH
 from app.http_protocol import Protocol, ProtocolConfig
 from app.inference.verification import ModelRejected
 from app.serving.refusals import NotReady
 from app.serving.runtime import Runtime
 from app.settings import Settings
+from app.websocket_protocol import WebSocketProtocol
 
 FAILED_SECONDS = 5
 """How long a service that could not start tells so, before it ends."""
 SENDING_SECONDS = 10
 """How long clients may take to read their answers once all plans are made and the service ends."""
+
+SWITCH_SECONDS = 5e-4
+"""How long a thread may keep the interpreter from the event loop; Python's own number, ten times
+that, is as much as a controlled machine has for a whole step, and a step asks for it several times.
+"""
 
 BACKLOG = 2048
 """Connections that wait to be accepted; uvicorn's own number."""
@@ -56,6 +64,7 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start, and listen to SIGHUP."""
+        sys.setswitchinterval(SWITCH_SECONDS)
         await super().startup(sockets)
         self._loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():
@@ -153,7 +162,9 @@ class _Config(ProtocolConfig):
             port=settings.port,
             http=Protocol,
             loop="asyncio",
-            ws="none",
+            ws=WebSocketProtocol,
+            ws_max_size=settings.max_body_bytes,
+            ws_per_message_deflate=False,
             forwarded_allow_ips=list(settings.trusted_proxies),
             log_config=None,
             access_log=False,
@@ -163,3 +174,4 @@ class _Config(ProtocolConfig):
         )
         self.header_timeout_s = settings.header_timeout_s
         self.send_timeout_s = settings.send_timeout_s
+        self.session_paths = frozenset({PATH, settings.root_path + PATH})

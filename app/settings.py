@@ -162,6 +162,12 @@ class Settings(BaseModel):
         250_000_000,
         description="Most bytes of answers that are made and not yet sent; more are answered 429.",
     )
+    max_sessions: PositiveInt = Field(
+        128, description="Most control sessions at once; more are answered 429."
+    )
+    session_idle_timeout_s: PositiveFloat = Field(
+        60.0, description="A control session that says nothing for so long is ended, in seconds."
+    )
     max_deadline_ms: PositiveInt = Field(
         300_000,
         description="Longest deadline of a request, and that of one that names none, in "

@@ -10,7 +10,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
-from starlette.requests import ClientDisconnect
+from starlette.requests import ClientDisconnect, HTTPConnection
 
 from app.api.body import AS_IT_IS, JSON, UnsupportedContentEncoding, UnsupportedContentType
 from app.api.middleware import BodyTooLarge, BodyTooSlow
@@ -23,6 +23,7 @@ from app.serving.refusals import (
     InvalidField,
     InvalidFields,
     NotReady,
+    OutOfOrder,
     Refused,
     ShuttingDown,
 )
@@ -43,7 +44,7 @@ UNEXPECTED = "an unexpected error; the server's log tells more"
 
 
 def problem_response(
-    request: Request,
+    request: HTTPConnection,
     status: int,
     detail: str,
     *,
@@ -80,7 +81,7 @@ def _response(problem: ProblemDetails, headers: dict[str, str] | None = None) ->
     return Response(text, problem.status, headers, media_type=MEDIA_TYPE)
 
 
-def _field_problem(path: str, errors: list[FieldError]) -> ProblemDetails:
+def field_problem(path: str, errors: list[FieldError]) -> ProblemDetails:
     """Say 422 of fields at fault."""
     detail = "; ".join(f"{error.pointer or 'the body'}: {error.detail}" for error in errors)
     return _problem(path, 422, detail, "invalid-request", "Invalid request", errors)
@@ -116,6 +117,7 @@ ANSWERS: dict[type[Exception], Answer] = {
     UnknownModel: Answer(404, "unknown-model", "Unknown model"),
     PlanningError: Answer(500, "planning-failed", "Planning failed"),
     Refused: Answer(429, "busy"),
+    OutOfOrder: Answer(409, "out-of-order", "Out of order"),
     NotReady: NOT_READY,
     ShuttingDown: NOT_READY,
     DeadlineExceeded: Answer(504, "deadline-exceeded", rejected="deadline_exceeded"),
@@ -133,15 +135,30 @@ FIELDS: dict[type[Exception], str] = {
 
 def problem_of(error: Exception, path: str) -> ProblemDetails:
     """Return how an error is told to who asked for `path`; what nobody foresaw is a 500."""
-    if isinstance(error, InvalidFields):
-        return _field_problem(path, error.errors)
+    if isinstance(error, InvalidParts | InvalidFields):
+        return field_problem(path, error.errors)
     if type(error) in FIELDS:
         pointer = error.pointer if isinstance(error, InvalidField) else FIELDS[type(error)]
-        return _field_problem(path, [FieldError(pointer=pointer, detail=str(error))])
+        return field_problem(path, [FieldError(pointer=pointer, detail=str(error))])
     answer = _answer_to(error)
     if answer is None:
         return _problem(path, 500, UNEXPECTED)
     return _problem(path, answer.status, str(error), answer.slug, answer.title)
+
+
+def refusal_of(error: Exception, request: HTTPConnection) -> Response:
+    """Answer a request that is refused, with what its client does better next time, or when."""
+    answer = _answer_to(error)
+    headers = dict(answer.headers) if answer else {}
+    if isinstance(error, Refused):
+        headers["Retry-After"] = str(error.retry_after_s)
+    return _response(problem_of(error, request.url.path), headers)
+
+
+def rejected_of(error: Exception) -> str | None:
+    """Return why there is no answer, for log and metrics."""
+    answer = _answer_to(error)
+    return error.reason if isinstance(error, Refused) else answer and answer.rejected
 
 
 def _answer_to(error: Exception) -> Answer | None:
@@ -151,7 +168,7 @@ def _answer_to(error: Exception) -> Answer | None:
 def install_error_handlers(app: FastAPI) -> None:
     """Make every error of `app` a problem+json answer, never a traceback."""
     app.add_exception_handler(RequestValidationError, _invalid_request)
-    app.add_exception_handler(InvalidParts, _invalid_parts)
+    app.add_exception_handler(InvalidParts, _invalid_field)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(MalformedHttp, answer_malformed_http)
     app.add_exception_handler(Exception, _unexpected)
@@ -176,15 +193,10 @@ async def answer_malformed_http(request: Request, error: Exception) -> Response:
 
 
 async def _answer(request: Request, error: Exception) -> Response:
-    answer = _answer_to(error)
-    assert answer is not None
-    rejected = error.reason if isinstance(error, Refused) else answer.rejected
+    rejected = rejected_of(error)
     if rejected and request.method == "POST":  # a plan, and not a probe
         request.state.log_fields["rejected"] = rejected
-    headers = dict(answer.headers)
-    if isinstance(error, Refused):
-        headers["Retry-After"] = str(error.retry_after_s)
-    return _response(problem_of(error, request.url.path), headers)
+    return refusal_of(error, request)
 
 
 async def _invalid_field(request: Request, error: Exception) -> Response:
@@ -211,9 +223,4 @@ async def _invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     within_body = [item | {"loc": item["loc"][1:]} for item in error.errors()]
     errors = field_errors(within_body, error.body)
-    return _response(_field_problem(request.url.path, errors))
-
-
-async def _invalid_parts(request: Request, error: Exception) -> Response:
-    assert isinstance(error, InvalidParts)
-    return _response(_field_problem(request.url.path, error.errors))
+    return _response(field_problem(request.url.path, errors))

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from hashlib import sha256
 
 from starlette.datastructures import Headers
-from starlette.requests import Request
+from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.errors import problem_response
@@ -61,12 +61,15 @@ class ApiKeys(HttpMiddleware):
             await self.app(scope, receive, send)
             return
         refusal = problem_response(
-            Request(scope),
+            HTTPConnection(scope),
             401,
             "send a valid key as Authorization: Bearer <key>",
             headers={"WWW-Authenticate": "Bearer"},
         )
         await refusal(scope, receive, send)
+
+    async def handle_session(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self.handle(scope, receive, send)
 
     def _is_known(self, authorization: str) -> bool:
         scheme, _, key = authorization.partition(" ")

@@ -15,7 +15,9 @@ POLICY_VIOLATION = 1008
 
 
 class HttpMiddleware(ABC):
-    """Middleware that knows HTTP: whatever else comes, a WebSocket say, is refused and not let by.
+    """Middleware that knows HTTP: whatever else comes is refused and not let by.
+
+    Of WebSockets, which carry sessions, those are let by that `handle_session` lets by.
 
     Args:
         app: what comes next.
@@ -31,13 +33,24 @@ class HttpMiddleware(ABC):
             case "lifespan":
                 await self.app(scope, receive, send)
             case "websocket":
-                await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+                await self.handle_session(scope, receive, send)
             case unknown:
                 raise ValueError(f"{type(self).__name__} knows no {unknown}")
 
     @abstractmethod
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer an HTTP request, or hand it to `app`."""
+
+    async def handle_session(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
+        """Refuse a WebSocket, or hand it to `app`; refuses it where nothing else is said."""
+        await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+
+
+class RequestMiddleware(HttpMiddleware):
+    """Middleware that is about requests and their bodies, and lets sessions by."""
+
+    async def handle_session(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self.app(scope, receive, send)
 
 
 class BodyTooLarge(Exception):
@@ -48,7 +61,7 @@ class BodyTooSlow(Exception):
     """A body took too long to arrive."""
 
 
-class BodyLimit(HttpMiddleware):
+class BodyLimit(RequestMiddleware):
     """Refuse a body above `max_bytes`, declared or streamed (413), or that takes too long (408).
 
     Starlette's own limiter answers in plain text where the length is declared.
@@ -98,7 +111,7 @@ class BodyLimit(HttpMiddleware):
         await self.app(scope, receive_within_limits, send)
 
 
-class HeadAsGet(HttpMiddleware):
+class HeadAsGet(RequestMiddleware):
     """Answer HEAD wherever GET is answered; the server leaves the body out."""
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -36,3 +36,6 @@ class RequestTarget(HttpMiddleware):
         # In place: what stands outside of here answers for errors that nobody foresaw.
         scope.update(path=path, root_path=self.root_path)
         await self.app(scope, receive, send)
+
+    async def handle_session(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self.handle(scope, receive, send)

@@ -105,7 +105,8 @@ async def readyz() -> Health:
 @router.get("/metrics", response_class=PlainTextResponse, tags=["health"])
 async def metrics(request: Request, runtime: RuntimeDependency) -> Response:
     """Count and time all that was asked, in Prometheus' text format."""
-    body, content_type = request.state.metrics.render(runtime.pending)
+    metrics = request.state.metrics
+    body, content_type = metrics.render(runtime.pending, runtime.open_sessions)
     return Response(body, media_type=content_type)
 
 

@@ -1,4 +1,4 @@
-"""One log line and one count for each HTTP request, whatever becomes of it."""
+"""One log line and one count for each HTTP request and each session, whatever becomes of it."""
 
 import logging
 import re
@@ -6,9 +6,10 @@ from time import perf_counter
 from typing import Any
 
 from asgi_correlation_id import correlation_id
+from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.metrics import Metrics
+from app.api.metrics import SWITCHING_PROTOCOLS, WEBSOCKET, Metrics
 from app.api.middleware import HttpMiddleware
 from app.api.paths import mount_path, route_path
 from app.serving.admission import NONE
@@ -69,28 +70,69 @@ class Telemetry(HttpMiddleware):
         finally:  # an exception without a status: Starlette answers 500 outside of here
             self._record(scope, fields, status or 500, perf_counter() - arrived)
 
+    async def handle_session(self, scope: Scope, receive: Receive, send: Send) -> None:
+        arrived = perf_counter()
+        fields: dict[str, Any] = {}
+        scope["state"] = {**scope.get("state", {}), "arrived": arrived, "log_fields": fields}
+        status: int | None = None
+
+        async def observed_receive() -> Message:
+            message = await receive()
+            if message["type"] == "websocket.disconnect":
+                fields.setdefault("close_code", message["code"])
+            return message
+
+        async def observed_send(message: Message) -> None:
+            nonlocal status
+            match message["type"]:
+                case "websocket.accept":
+                    status = SWITCHING_PROTOCOLS
+                    _identify(message)
+                case "websocket.http.response.start":
+                    status = message["status"]
+                    _identify(message)
+                case "websocket.close":
+                    fields.setdefault("close_code", message["code"])
+            await send(message)
+
+        try:
+            await self.app(scope, observed_receive, observed_send)
+        finally:
+            seconds = perf_counter() - arrived
+            self.metrics.observe_session(
+                route=_route(scope),
+                status=status or CLIENT_GONE,
+                seconds=seconds,
+                controller=fields.get("method", NONE),
+            )
+            self._tell(scope, WEBSOCKET, fields, status or CLIENT_GONE, seconds)
+
     def _record(self, scope: Scope, fields: dict[str, Any], status: int, seconds: float) -> None:
-        route = _route(scope)
-        path = scope["path"] or "-"  # what cannot be read has none
         verb = scope["method"] if scope["method"] in HTTP_METHODS else "other"
-        model = fields.get("model", NONE)
         self.metrics.observe_request(
-            route=route,
+            route=_route(scope),
             http_method=verb,
             status=status,
             seconds=seconds,
             method=fields.get("method", NONE),
-            model=model,
+            model=fields.get("model", NONE),
         )
-        if "rejected" in fields:
-            self.metrics.rejected(fields["rejected"], model)
         if "queue_ms" in fields:
-            self.metrics.observe_queue(model, fields["queue_ms"] / 1e3)
+            self.metrics.observe_queue(fields.get("model", NONE), fields["queue_ms"] / 1e3)
+        self._tell(scope, scope["method"], fields, status, seconds)
+
+    def _tell(
+        self, scope: Scope, verb: str, fields: dict[str, Any], status: int, seconds: float
+    ) -> None:
+        route = _route(scope)
+        path = scope["path"] or "-"  # what cannot be read has none
+        if "rejected" in fields:
+            self.metrics.rejected(fields["rejected"], fields.get("model", NONE))
         line = {
             "request_id": correlation_id.get(),
             "route": route,
             "client": scope["client"][0] if scope.get("client") else None,
-            "http_method": scope["method"],
+            "http_method": verb,
             "path": path,
             "status": status,
             "duration_ms": round(seconds * 1e3, 3),
@@ -98,12 +140,17 @@ class Telemetry(HttpMiddleware):
         log.log(
             logging.DEBUG if route in PROBES else logging.INFO,
             "%s %s %d in %.1f ms",
-            scope["method"],
+            verb,
             path,
             status,
             seconds * 1e3,
             extra={**fields, **line},
         )
+
+
+def _identify(message: Message) -> None:
+    """Put the request's id into the head of an answer to a handshake, which others leave out."""
+    MutableHeaders(scope=message).append("X-Request-ID", correlation_id.get() or "")
 
 
 def _route(scope: Scope) -> str:

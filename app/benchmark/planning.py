@@ -1,13 +1,17 @@
 """Rollouts beside NumPy, CEM, and refined plans, in this process."""
 
 from collections.abc import Iterator
-from statistics import median
+from statistics import median, quantiles
 from time import perf_counter
 
 import numpy as np
 
 from app.benchmark.pairing import paired
 from app.planning.arrays import FloatArray
+from app.planning.control import PD, AnyController, RecedingHorizon
+from app.planning.control.memory import Memory
+from app.planning.control.simulation import ToldOf, TrueMachine, simulate
+from app.planning.control.step import Goal, Measurement, control_step
 from app.planning.methods import CEM, DatasetPrior
 from app.planning.planner import plan
 from app.planning.plant.rollout import rollout
@@ -19,6 +23,14 @@ from app.planning.refining.refinement import Refinement
 PAIRS = 200
 TASKS = 1000
 EXACT_GAP = 1e-6
+STEPS, RUNS = 64, 50
+CONTROLLERS: dict[str, AnyController] = {
+    "nominal": RecedingHorizon(observer=None),
+    "identifying": RecedingHorizon(),
+    "identifying, least energy": RecedingHorizon(objective="control_energy"),
+    "PD, for comparison": PD(observer=None),
+}
+OFF_BY_TEN_PERCENT = System(0.77, 0.66, 0.055, control_gain=0.97)
 
 
 def planning() -> Iterator[str]:
@@ -26,6 +38,8 @@ def planning() -> Iterator[str]:
     yield _rollouts()
     yield _cem()
     yield _refined()
+    for name, controller in CONTROLLERS.items():
+        yield _control(name, controller)
 
 
 def numpy_rollout(system: System, initial_state: FloatArray, controls: FloatArray) -> FloatArray:
@@ -99,4 +113,31 @@ def _refined() -> str:
         f"- dataset_prior with K = 16, refined, {TASKS} tasks: {median(times):.2f} ms a plan; "
         f"{np.mean(gaps[reachable] < EXACT_GAP):.2%} of the {reachable.sum()} reachable targets "
         f"within 1e-6, the others on average {gaps[~reachable].mean():.0e} from their floor"
+    )
+
+
+def _control(name: str, controller: AnyController) -> str:
+    """Drive a mass that is off from its model to random targets, a step at a time."""
+    rng = np.random.default_rng(0)
+    model, times = System(), []
+    targets = rng.uniform(-0.5, 0.5, RUNS).tolist()
+    for target in targets:
+        memory: Memory | None = None
+        state = np.zeros(2)
+        for k in range(STEPS):
+            measurement = Measurement(*state.tolist())
+            started = perf_counter()
+            taken = control_step(controller, model, measurement, Goal(target, STEPS - k), memory)
+            times.append((perf_counter() - started) * 1e6)
+            memory = taken.memory
+            state = rollout(OFF_BY_TEN_PERCENT, state, np.array([[taken.control]]))[0, -1]
+    started = perf_counter()
+    for target in targets:
+        told = ToldOf(model, target, STEPS)
+        simulate(TrueMachine(OFF_BY_TEN_PERCENT), np.zeros(2), controller, told, STEPS, [0])
+    within = (perf_counter() - started) * 1e6 / (RUNS * STEPS)
+    percentiles = quantiles(times, n=100)
+    return (
+        f"- a step of a closed loop, {name}: median {median(times):.0f} us, p99 "
+        f"{percentiles[-1]:.0f} us called one by one; {within:.1f} us in whole runs"
     )

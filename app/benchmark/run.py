@@ -5,6 +5,7 @@ from pathlib import Path
 
 from app.benchmark.batches import batches
 from app.benchmark.concurrency import concurrency
+from app.benchmark.control import control
 from app.benchmark.network import network
 from app.benchmark.planning import planning
 from app.benchmark.quick_plans import quick_plans
@@ -58,4 +59,6 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     yield from concurrency()
     yield "\n## Many problems in one request\n"
     yield from batches()
+    yield "\n## Closed loop\n"
+    yield from control()
     engine.close()

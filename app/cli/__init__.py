@@ -5,7 +5,7 @@ A command imports what it needs when it runs, so that help and small commands ar
 
 import click
 
-from app.cli import bench, evaluate, identify, models, plan, serve
+from app.cli import bench, control, evaluate, identify, models, plan, serve
 
 
 class OrderedGroup(click.Group):
@@ -25,6 +25,7 @@ COMMANDS = (
     serve.serve,
     plan.plan,
     identify.identify,
+    control.control,
     evaluate.evaluate,
     models.models,
     bench.bench,

@@ -1,19 +1,30 @@
-"""The request of `breakaway plan`: what a file says, and options that override it."""
+"""The request of `breakaway plan` or `control`: what a file says, and options that override it."""
 
 import os
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import click
 
 from app.failure import Failure
 
 if TYPE_CHECKING:
+    from app.wire.model import Asked
     from app.wire.problems import FieldError
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
+T = TypeVar("T", bound="Asked")
+
 AT_REST = (0.0, 0.0)
-NAME_OR_OBJECT = {"method", "system", "uncertainty"}
+NAME_OR_OBJECT = {
+    "controller",
+    "disturbance",
+    "method",
+    "nominal_system",
+    "sensor",
+    "system",
+    "uncertainty",
+}
 """Fields that are an object in JSON; for some of them a name may stand."""
 
 
@@ -30,25 +41,35 @@ def read_request(
         Failure: a part of it is not JSON, or a field is not valid.
         click.UsageError: there is neither a file nor a target.
     """
-    from pydantic import ValidationError
-
-    from app.wire.field_errors import field_errors
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
     if file is None and "target_state" not in options:
         raise click.UsageError("A plan needs a --target-state, or a --request that has a target.")
-    body = {"initial_state": AT_REST} | (_read_body(file) if file else {})
+    body = {"initial_state": AT_REST} | read_body(file)
     if "target_state" in options:
         body.pop("targets", None)
-    body |= options
+    if "targets" in body:
+        return validated(MultistepPlanRequest, body, options)
+    return validated(PlanRequest, body, options)
+
+
+def validated(kind: type[T], body: Mapping[str, Any], options: Mapping[str, Any]) -> T:
+    """Return the request of a body and of options, which override it.
+
+    Raises:
+        Failure: a part of an option is not JSON, or a field is not valid.
+    """
+    from pydantic import ValidationError
+
+    from app.wire.field_errors import field_errors
+
+    given = {**body, **options}
     for field in NAME_OR_OBJECT & options.keys():
-        body[field] = _name_or_object(field, options[field])
+        given[field] = _name_or_object(field, options[field])
     try:
-        if "targets" in body:
-            return MultistepPlanRequest.model_validate(body)
-        return PlanRequest.model_validate(body)
+        return kind.model_validate(given)
     except ValidationError as error:
-        raise _failure(field_errors(error.errors(), body), options) from None
+        raise _failure(field_errors(error.errors(), given), options) from None
 
 
 def source(pointer: str, options: Mapping[str, Any]) -> str:
@@ -65,7 +86,14 @@ def source(pointer: str, options: Mapping[str, Any]) -> str:
     return f"{option} /{rest}" if rest else option
 
 
-def _read_body(file: BinaryIO) -> dict[str, Any]:
+def read_body(file: BinaryIO | None) -> dict[str, Any]:
+    """Return what a file says; nothing, if there is none.
+
+    Raises:
+        Failure: it is no JSON object.
+    """
+    if file is None:
+        return {}
     body = _parse(file.read(), {})
     if not isinstance(body, dict):
         raise Failure("--request: must be a JSON object")

@@ -21,9 +21,11 @@ from app.client.unanswered import BROKEN, Unanswered
 from app.wire.about import Health, Info, MachineDescription, ModelDescription
 from app.wire.answers import MultistepPlanResponse, PlanResponse, Segment
 from app.wire.batches import BatchFailure, BatchPlan, PlanBatchRequest
+from app.wire.control import ControlRequest, ControlResponse
 from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.problems import ProblemDetails
 from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest
+from app.wire.simulation import MAX_RUNS, SimulateRequest, SimulateResponse
 
 PATIENCE_SECONDS = 300.0
 PAUSE_SECONDS = 0.1
@@ -121,6 +123,14 @@ class PlannerClient:
             except BROKEN as error:
                 left.ended(error)
                 sleep(PAUSE_SECONDS)
+
+    def simulate(self, request: SimulateRequest) -> SimulateResponse:
+        """Ask `POST /simulate`; errors as for `plan`."""
+        return _read(SimulateResponse, self._http.post("/simulate", json=_body(request)))
+
+    def control(self, request: ControlRequest) -> ControlResponse:
+        """Ask `POST /control` for one step; errors as for `plan`."""
+        return _read(ControlResponse, self._http.post("/control", json=_body(request)))
 
     def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `plan`."""
@@ -222,6 +232,16 @@ class AsyncPlannerClient:
                 left.ended(error)
                 await asyncio.sleep(PAUSE_SECONDS)
 
+    async def simulate(self, request: SimulateRequest) -> SimulateResponse:
+        """Ask `POST /simulate`; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/simulate", json=_body(request))
+        return _read(SimulateResponse, response)
+
+    async def control(self, request: ControlRequest) -> ControlResponse:
+        """Ask `POST /control` for one step; errors as for `PlannerClient.plan`."""
+        response = await self._http.post("/control", json=_body(request))
+        return _read(ControlResponse, response)
+
     async def models(self) -> list[ModelDescription]:
         """List the models that the service holds; errors as for `PlannerClient.plan`."""
         return MODELS.validate_json(_accepted(await self._http.get("/models")).content)
@@ -254,11 +274,17 @@ class AsyncPlannerClient:
         await self.aclose()
 
 
-def _body(request: PlanRequest | MultistepPlanRequest | IdentifyRequest) -> dict[str, Any]:
+def _body(
+    request: PlanRequest
+    | MultistepPlanRequest
+    | IdentifyRequest
+    | SimulateRequest
+    | ControlRequest,
+) -> dict[str, Any]:
     """Return what is sent, at every attempt the same."""
     body = request.model_dump()
     if request.seed is None:
-        body["seed"] = secrets.randbelow(MAX_SEED + 1)
+        body["seed"] = secrets.randbelow(MAX_SEED - MAX_RUNS + 1)
     return body
 
 

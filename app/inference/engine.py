@@ -18,6 +18,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import torch
 
+from app.inference.courtesy import give_way
 from app.inference.job import Job
 from app.inference.manifest import Manifest
 from app.inference.model import Model
@@ -141,6 +142,7 @@ class Engine:
 
     @torch.inference_mode()
     def _run(self) -> None:
+        give_way()
         _use_no_threads_of_pytorch()
         is_open, began = True, perf_counter()
         while is_open or self._running:

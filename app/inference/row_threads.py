@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
+from app.inference.courtesy import give_way
+
 ROWS_AT_A_TIME = 8
 """Rows that a thread takes at most before it looks for more: a millisecond of the network."""
 ROWS_ALONE = 2
@@ -20,7 +22,9 @@ class RowThreads:
         self._lent = 0
         self._lending = threading.Lock()
         self._helpers = ThreadPoolExecutor(
-            max_workers=max(num_threads - 1, 1), thread_name_prefix="rows"
+            max_workers=max(num_threads - 1, 1),
+            thread_name_prefix="rows",
+            initializer=give_way,
         )
 
     @property

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from app.planning.control import RecedingHorizon
+from app.planning.control.step import Goal, Measurement, control_step
 from app.planning.identification.likelihood import Record, log_likelihoods
 from app.planning.methods import CEM, DatasetPrior, Uniform
 from app.planning.objectives import OBJECTIVES
@@ -47,9 +49,15 @@ def make_plans() -> None:
         plan(_PROBLEM, Recipe(method, 2), np.random.default_rng(0))
 
 
+def make_control_step() -> None:
+    """Do a step of a closed loop: one kernel does steps and runs of all controllers."""
+    control_step(RecedingHorizon(), _PROBLEM.system, Measurement(0.0, 0.0), Goal(0.2))
+
+
 def warm_up() -> None:
     """Make all of them."""
     make_refined_plans()
     make_bounded_plan()
     make_plans()
     weigh_log()
+    make_control_step()

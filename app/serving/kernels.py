@@ -13,6 +13,7 @@ PLANNING = (
     Part("the reachable set", "app.planning.warm_up:make_bounded_plan"),
     Part("the methods", "app.planning.warm_up:make_plans"),
     Part("identification", "app.planning.warm_up:weigh_log"),
+    Part("the closed loop", "app.planning.warm_up:make_control_step"),
 )
 """Whoever plans needs them; the longest first."""
 NETWORK = (Part("the network", "app.inference.kernel:warm_up"),)

@@ -25,6 +25,10 @@ class InvalidFields(Exception):
         self.errors = errors
 
 
+class OutOfOrder(Exception):
+    """A message of a session that is not due."""
+
+
 class NotReady(Exception):
     """The service is starting, could not start, or is draining."""
 

@@ -24,11 +24,14 @@ from app.planning.warm_up import warm_up
 from app.serving.admission import NONE, Admission, Pending
 from app.serving.batch_resolution import resolve_batch
 from app.serving.batches import Batch
+from app.serving.control import ControlService
+from app.serving.control_sessions import ControlSessions
 from app.serving.identification import IdentificationService
 from app.serving.kernels import NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
 from app.serving.service import PlanningService
+from app.serving.simulation import SimulationService
 from app.serving.workers import Workers
 from app.settings import Settings
 from app.terminal import progress_line
@@ -71,6 +74,9 @@ class Runtime:
         compiled_at_once = max(1, self.network_threads - 1)
         self.admission = Admission(settings, self._rates, compiled_at_once)
         self.workers = Workers(self.admission, self._engine.row_threads)
+        self._simulation = SimulationService(settings, self._rates)
+        self._control = ControlService(settings, self._rates)
+        self._sessions = ControlSessions(settings, self.network_threads)
         self._loading = asyncio.Lock()
         self._service: PlanningService | None = None
         self._identification = IdentificationService(settings, self._rates)
@@ -105,9 +111,36 @@ class Runtime:
     @property
     def identification(self) -> IdentificationService:
         """The service behind `/identify`; errors as for `service`."""
+        self.check_ready()
+        return self._identification
+
+    @property
+    def simulation(self) -> SimulationService:
+        """The service behind `/simulate`; errors as for `service`."""
+        self.check_ready()
+        return self._simulation
+
+    @property
+    def control(self) -> ControlService:
+        """The service behind a single step of `/control`; errors as for `service`."""
+        self.check_ready()
+        return self._control
+
+    @property
+    def sessions(self) -> ControlSessions:
+        """The sessions of `/control`; errors as for `service`."""
+        self.check_ready()
+        return self._sessions
+
+    def check_ready(self) -> None:
+        """Return if plans can be made; errors as for `service`."""
         if self._service is None:
             raise NotReady(self._state)
-        return self._identification
+
+    @property
+    def open_sessions(self) -> int:
+        """How many control sessions there are."""
+        return len(self._sessions)
 
     @property
     def pending(self) -> dict[str, Pending]:
@@ -210,6 +243,7 @@ class Runtime:
         self._stop.set()
         self._service = None
         self._state = "the service is draining"
+        await self._sessions.drain()
         while len(self.admission):
             await asyncio.sleep(POLL_SECONDS)
 
@@ -220,4 +254,5 @@ class Runtime:
 
     def close(self) -> None:
         """End the engine, when nothing is under way any more."""
+        self._sessions.close()
         self._engine.close()

@@ -94,7 +94,7 @@ class PlanningService:
         system = request.system or (named.manifest.system if named else System())
         horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
         self._check_size(request, horizon, num_targets)
-        _check_pending(request.pending_controls, system)
+        check_controls("/pending_controls", request.pending_controls, system)
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
         asked, model, samplers = request.recipe(), None, None
         if request.uncertainty:
@@ -235,7 +235,7 @@ class PlanningService:
         candidate_steps = request.num_candidates * horizon * num_targets
         are_sent = "candidates" in request.include
         answer_numbers = candidate_steps * _numbers_a_step(request) if are_sent else 0
-        _check(
+        check_limits(
             ("/num_candidates", "candidates", request.num_candidates, settings.max_candidates),
             ("/horizon", "time steps", horizon, settings.max_horizon),
             (
@@ -258,7 +258,7 @@ class PlanningService:
     ) -> None:
         """Refuse what costs too much."""
         settings = self._settings
-        _check(
+        check_limits(
             (
                 "/num_candidates",
                 "rows through the network (candidates x network evaluations x targets)",
@@ -342,20 +342,20 @@ def _fields_of(system: System) -> dict[str, Any]:
     return asdict(system)
 
 
-def _check(*limits: tuple[str, str, int, int]) -> None:
+def check_limits(*limits: tuple[str, str, int, int]) -> None:
     """Refuse the first value that exceeds its limit: pointer, what it counts, value, limit."""
     for pointer, what, value, limit in limits:
         if value > limit:
             raise InvalidField(pointer, f"{value} {what}; at most {limit} are allowed")
 
 
-def _check_pending(controls: Sequence[float], system: System) -> None:
+def check_controls(pointer: str, controls: Sequence[float], system: System) -> None:
     """Refuse controls that the plant cannot have been given."""
     lowest, highest = system.plant.lowest_control, system.plant.highest_control
     for index, control in enumerate(controls):
         if not lowest <= control <= highest:
             raise InvalidField(
-                f"/pending_controls/{index}",
+                f"{pointer}/{index}",
                 f"{control:g} is beyond the plant's limits, {lowest:g} to {highest:g}",
             )
 

@@ -87,6 +87,7 @@ class Limits(WireModel):
     max_rollout_steps: int
     max_candidate_steps: int
     max_answer_numbers: int
+    max_sessions: int
     max_pending: int
     max_pending_rows: int
     max_pending_rollout_steps: int

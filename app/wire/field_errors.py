@@ -37,9 +37,9 @@ UNIONS = {
 }
 """Fields that may be a number or an object."""
 IN_WORDS = {
-    "union_tag_not_found": "the method's name is missing",
-    "model_attributes_type": "must be an object, or the name of a method",
     "model_type": "must be an object",
+    "model_attributes_type": "must be an object",
+    "dict_type": "must be an object",
     "list_type": "must be an array",
     "tuple_type": "must be an array",
 }
@@ -129,10 +129,20 @@ def _detail(item: Mapping[str, Any]) -> str:
     match item["type"]:
         case "union_tag_invalid":
             context = item["ctx"]
-            return f"no method {context['tag']!r}; there are: {context['expected_tags']}"
+            tag, known = context["tag"], context["expected_tags"]
+            return f"no {_tagged(item)} {tag!r}; there are: {known}"
+        case "union_tag_not_found":
+            return f"the {_tagged(item)}'s {item['ctx']['discriminator'].strip(chr(39))} is missing"
+        case "model_attributes_type" if item["loc"]:
+            return f"must be an object, or the name of a {_tagged(item)}"
         case "dataclass_type":
             return f"must be {_taken(item)}"
     return IN_WORDS.get(item["type"], str(item["msg"]).removeprefix("Value error, "))
+
+
+def _tagged(item: Mapping[str, Any]) -> str:
+    """Return what has a name, or a type, by which it is known: the field is called after it."""
+    return str(item["loc"][-1]) if item["loc"] else "message"
 
 
 def _taken(item: Mapping[str, Any]) -> str:

@@ -58,7 +58,7 @@ MethodField = Annotated[
 ]
 
 
-def _machine_by_name(value: Any) -> Any:
+def machine_by_name(value: Any) -> Any:
     """Return the plant of the machine that a string names.
 
     Raises:
@@ -74,7 +74,14 @@ def _machine_by_name(value: Any) -> Any:
 Seed: TypeAlias = Annotated[int, Field(ge=0, le=MAX_SEED)]
 SystemField: TypeAlias = Annotated[
     System | None,
-    BeforeValidator(_machine_by_name, json_schema_input_type=MachineName | System | None),
+    BeforeValidator(machine_by_name, json_schema_input_type=MachineName | System | None),
+]
+RefineField = Annotated[
+    Refinement | None,
+    BeforeValidator(
+        lambda value: {True: {}, False: None}[value] if isinstance(value, bool) else value,
+        json_schema_input_type=bool | Refinement | None,
+    ),
 ]
 
 
@@ -132,13 +139,7 @@ class Shared(Asked):
     initial: Initial | None = Field(
         None, description="Start an optimiser (cem, icem, mppi) from another method's candidates."
     )
-    refine: Annotated[
-        Refinement | None,
-        BeforeValidator(
-            lambda value: {True: {}, False: None}[value] if isinstance(value, bool) else value,
-            json_schema_input_type=bool | Refinement | None,
-        ),
-    ] = Field(
+    refine: RefineField = Field(
         None,
         description="Descend from the candidates through the true dynamics: true, or options.",
     )

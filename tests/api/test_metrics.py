@@ -23,11 +23,17 @@ OURS = {
     "breakaway_answer_bytes": "gauge",
     "breakaway_rejected": "counter",
 }
+OF_SESSIONS = {
+    "breakaway_control_sessions": "gauge",
+    "breakaway_control_session_duration_seconds": "histogram",
+    "breakaway_control_step_seconds": "histogram",
+    "breakaway_control_late_steps": "counter",
+}
 PLAN = {"initial_state": [0, 0], "target_state": [0.2, 0], "method": "uniform"}
 
 
 def rendered(metrics: Metrics) -> str:
-    return metrics.render({"tiny/1": Pending(2, 300, 5000)})[0].decode()
+    return metrics.render({"tiny/1": Pending(2, 300, 5000)}, 0)[0].decode()
 
 
 def test_all_names_are_ours_and_carry_the_model() -> None:
@@ -36,16 +42,20 @@ def test_all_names_are_ours_and_carry_the_model() -> None:
     metrics.observe_queue("tiny/1", 0.01)
     metrics.observe_tick("tiny/1", rows=16, seconds=0.002)
     metrics.rejected("queue_full")
+    metrics.observe_session(route="/control", status=101, seconds=3.0, controller="pid")
+    metrics.observe_step("pid", 0.001, is_late=True)
     families = {
         family.name: family
         for family in text_string_to_metric_families(rendered(metrics))
         if not family.name.startswith(("process_", "python_"))
     }
-    assert {name: family.type for name, family in families.items()} == OURS
-    for family in families.values():
+    assert {name: family.type for name, family in families.items()} == OURS | OF_SESSIONS
+    for name, family in families.items():
         assert family.documentation
         assert family.samples
-        assert all(sample.labels["model"] in ("tiny/1", "none") for sample in family.samples)
+        assert name in OF_SESSIONS or all(
+            sample.labels["model"] in ("tiny/1", "none") for sample in family.samples
+        )
 
 
 def test_two_services_in_one_process_count_apart() -> None:
@@ -60,7 +70,8 @@ def test_what_is_pending_is_told_as_it_is_now() -> None:
     assert value(rendered(metrics), "breakaway_pending_requests", model="tiny/1") == 2
     assert value(rendered(metrics), "breakaway_rows_waiting", model="tiny/1") == 300
     assert value(rendered(metrics), "breakaway_answer_bytes", model="tiny/1") == 5000
-    text = metrics.render({"other/1": Pending(1, 0)})[0].decode()
+    text = metrics.render({"other/1": Pending(1, 0)}, 3)[0].decode()
+    assert value(text, "breakaway_control_sessions") == 3
     assert 'breakaway_pending_requests{model="tiny/1"}' not in text
 
 
@@ -70,7 +81,7 @@ def test_what_is_idle_is_told_as_zero(client: httpx.Client) -> None:
             (sample.name, sample.labels["model"]): sample.value
             for family in text_string_to_metric_families(client.get("/metrics").text)
             for sample in family.samples
-            if family.type == "gauge" and family.name.startswith("breakaway_")
+            if family.type == "gauge" and family.name in OURS
         }
 
     idle = {

@@ -151,11 +151,9 @@ def test_other_verbs_are_told_which_there_are(client: httpx.Client) -> None:
 def test_a_slow_body_is_documented(client: httpx.Client) -> None:
     document = client.get("/openapi.json").json()
     assert "ProblemDetails" in document["components"]["schemas"]
-    for path, operations in document["paths"].items():
+    for operations in document["paths"].values():
         for operation in operations.values():
-            assert ("408" in operation["responses"]) == (
-                path in ("/plan", "/plan_multistep", "/plan_batch", "/identify")
-            )
+            assert ("408" in operation["responses"]) == ("requestBody" in operation)
             assert "401" not in operation["responses"]
 
 
@@ -166,7 +164,7 @@ MIDDLEWARE: list[Wrap] = [
     lambda app: ApiKeys(app, [], ["/"]),
     lambda app: RequestTarget(app, ""),
     lambda app: Telemetry(app, Metrics()),
-    Unsupported,
+    lambda app: Unsupported(app, []),
 ]
 
 
@@ -188,12 +186,23 @@ def pass_through(wrap: Wrap, scope: Scope) -> tuple[bool, list[Message]]:
     return let_by, sent
 
 
-@pytest.mark.parametrize("wrap", MIDDLEWARE)
-def test_a_websocket_is_refused_and_not_let_by_unchecked(
-    wrap: Wrap,
-) -> None:
-    scope = {"type": "websocket", "path": "/", "headers": []}
-    assert pass_through(wrap, scope) == (False, [{"type": "websocket.close", "code": 1008}])
+class Careless(HttpMiddleware):
+    async def handle(self, *_: object) -> None:
+        raise AssertionError
+
+
+WEBSOCKET = {"type": "websocket", "path": "/", "headers": []}
+
+
+def test_a_websocket_is_refused_and_not_let_by_where_nothing_is_said_of_it() -> None:
+    assert pass_through(Careless, WEBSOCKET) == (False, [{"type": "websocket.close", "code": 1008}])
+
+
+def test_a_websocket_needs_a_key_as_a_request_does() -> None:
+    scope = WEBSOCKET | {"scheme": "ws", "server": ("x", 80), "query_string": b""}
+    let_by, sent = pass_through(lambda app: ApiKeys(app, [b"digest"], ["/livez"]), scope)
+    assert not let_by
+    assert (sent[0]["type"], sent[0]["status"]) == ("websocket.http.response.start", 401)
 
 
 @pytest.mark.parametrize("wrap", MIDDLEWARE)

@@ -9,6 +9,7 @@ from markdown_it import MarkdownIt
 from app.benchmark import (
     batches,
     concurrency,
+    control,
     network,
     planning,
     quick_plans,
@@ -22,12 +23,13 @@ from app.settings import SHIPPED_MODELS
 SIZES: dict[ModuleType, dict[str, object]] = {
     network: {"ROWS": (1, 8), "PRODUCT_SIZE": 64, "TILE_PRODUCTS": 1},
     sampling: {"BUDGETS": (1,), "CANDIDATES": 1},
-    planning: {"PAIRS": 1, "TASKS": 20},
+    planning: {"PAIRS": 1, "TASKS": 20, "RUNS": 1},
     quick_plans: {"SEQUENCES": 1},
     service: {"PAIRS": 1, "CALLS": 1},
     requests: {"ROUNDS": 1, "CALLS": 1, "REQUESTS_EACH": 1},
     batches: {"SINGLE": 2, "MANY": 4, "PAIRS": 1, "CLIENTS": 2},
     concurrency: {"SMALL_REQUESTS": 1, "CLIENTS": 2, "REQUESTS_EACH": 1},
+    control: {"STEPS": 10, "SESSIONS": 2, "SECONDS": 0.1},
 }
 
 
@@ -53,6 +55,7 @@ def test_the_page_has_a_section_for_each_benchmark_with_lists_and_tables() -> No
         "The service",
         "Many requests at once",
         "Many problems in one request",
+        "Closed loop",
     ]
     kinds = [token.type for token in tokens]
     assert kinds.count("table_open") == 2

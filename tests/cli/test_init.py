@@ -35,7 +35,7 @@ def test_an_unknown_command_is_named() -> None:
     assert "frobnicate" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["serve", "plan", "evaluate", "models", "bench"])
+@pytest.mark.parametrize("command", ["serve", "plan", "control", "evaluate", "models", "bench"])
 def test_every_command_has_help(command: str) -> None:
     done = invoke(command, "--help")
     assert done.exit_code == 0
@@ -47,6 +47,7 @@ def test_every_command_has_help(command: str) -> None:
     [
         (["--help"], {"torch", "numba", "numpy", "pydantic"}),
         (["plan", "--help"], {"torch", "numba", "numpy", "pydantic"}),
+        (["control", "--simulate", "--help"], {"torch", "numba", "numpy", "pydantic"}),
         (["models", "--help"], {"torch", "numba", "numpy", "pydantic"}),
         (["serve", "--help"], {"torch", "numba", "numpy"}),
         (["models"], {"torch", "numba"}),

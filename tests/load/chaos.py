@@ -21,6 +21,7 @@ from tests.load.probe import Probes, probing
 from tests.load.reference import TOLERANCE, Likeness, Pool
 from tests.load.rubbish import GOOD, RUBBISH, SILENT_SECONDS, Rubbish, bad_bytes, send_bytes
 from tests.load.scenario import Body
+from tests.load.session_clients import SessionClients
 from tests.load.store import NAN, RAISES, RELOADED, ChangingStore
 from tests.load.verdict import Verdict
 
@@ -98,6 +99,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
             await run.replace_model()
             unlike += await pool.ask_all(service, store.version)
             large_clients = LargeClients(service.connections.address, seed)
+            session_clients = SessionClients(server.url, seed)
             before = await service.metrics()
             async with probing(server.url) as probes:
                 await run.go_on(min(LONGEST_WARM_UP_SECONDS, seconds / 4))
@@ -105,6 +107,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
                 warm = await service.metrics()
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(large_clients.go_on_until(perf_counter() + seconds))
+                    tasks.create_task(session_clients.go_on_until(perf_counter() + seconds))
                     tasks.create_task(run.go_on(seconds))
                 await asyncio.sleep(SETTLING_SECONDS)
             after = await service.metrics()
@@ -116,6 +119,7 @@ async def chaos(seconds: float, seed: int, folder: Path) -> Verdict:
         verdict = Verdict(f"chaos: {NUM_CLIENTS} clients for {seconds:.0f} s")
         verdict.check(UNLIKE_TWICE, unlike)
         _check(verdict, run.tally, large_clients, before, after, probes)
+        session_clients.check(verdict, after)
         verdict.check("not ready in the end", not is_ready)
         cores = (idle.cpu_seconds - after.cpu_seconds) / IDLE_SECONDS
         verdict.check("cores busy in the end", cores, IDLE_CORES)

@@ -17,6 +17,7 @@ from tests.load.client import Answer, Metrics, ServiceClient
 from tests.load.large_clients import ROUTE, LargeClients
 from tests.load.probe import PROBE_SECONDS, probing
 from tests.load.scenario import Question, question
+from tests.load.session_clients import SessionClients
 from tests.load.verdict import Verdict, percentile
 
 NUM_CLIENTS = 16
@@ -87,14 +88,17 @@ async def overload(url: str, seconds: float, factor: float, seed: int) -> Verdic
         await asyncio.sleep(SETTLING_SECONDS)
         before = await service.metrics()
         large_clients = LargeClients(service.connections.address, seed)
+        session_clients = SessionClients(url, seed)
         async with probing(url) as probes, asyncio.TaskGroup() as tasks:
             tasks.create_task(large_clients.go_on_until(perf_counter() + seconds))
+            tasks.create_task(session_clients.go_on_until(perf_counter() + seconds))
             load = await _open_loop(service, rate, seconds, seed, indices)
         await asyncio.sleep(SETTLING_SECONDS)
         after = await service.metrics()
 
     verdict = Verdict(f"{rate:.0f} requests a second for {seconds:.0f} s: {factor:g} x capacity")
     _check_answers(verdict, load, large_clients, before, after)
+    session_clients.check(verdict, after)
     slow = 1e3 * percentile(probes.latencies, 0.99)
     verdict.check("/livez, 99th percentile", slow, 1e3 * PROBE_SECONDS, "ms", is_timing=True)
     verdict.check("/livez failed", probes.failures)

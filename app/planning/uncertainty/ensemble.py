@@ -16,6 +16,9 @@ from app.planning.plant.rollout import rollout_on, terminal_state
 from app.planning.plant.system import Plant, System
 from app.planning.plant.task import Task
 
+NO_PLANTS = np.empty((0, len(Plant._fields)))
+"""Of no ensemble, as the kernels take it."""
+
 
 class Scenarios(NamedTuple):
     """A task on every plant of an ensemble, as the kernels take it."""

@@ -1,0 +1,281 @@
+"""A Kalman filter through the stick-slip step: state, and what the model has wrong; compiled.
+
+What it is told is in observer.py. Nothing here chooses a control.
+"""
+
+import math
+
+from app.compilation import compiled
+from app.planning.arrays import FloatArray
+from app.planning.control.memory import (
+    ACTING,
+    BACKWARD,
+    BIAS,
+    COULOMB,
+    DAMPING,
+    FORWARD,
+    FROZEN,
+    GAIN,
+    LEAST,
+    MOST,
+    NUM_ESTIMATED,
+    POSITION,
+    PUSHED,
+    STEPS,
+    VELOCITY,
+    Memory,
+)
+from app.planning.control.settings import Settings
+from app.planning.plant.friction import BREAKING_AWAY, SLIDING, acceleration, take_step
+from app.planning.plant.system import Plant
+
+GATE = 4.0
+"""Standard deviations: an innovation beyond them is a push that the model does not know."""
+FROZEN_STEPS = 3.0
+"""For which nothing is learned after a push: it would be taken for friction (pitfall 4)."""
+PATIENCE = 10.0
+"""Steps of a push, after which it is taken for an error of the model."""
+DOUBTED = 2.0
+"""By this factor the standard deviations of the parameters grow with each further step."""
+LEARNING = 3.0
+"""Rest velocities, above which a motion tells of the parameters."""
+MOVING = 2.0
+"""Rest velocities, above which a mass has broken away."""
+REST_NOISE = 0.25
+"""Of the velocity that a step of full control adds: how well a mass is known to rest."""
+DOUBT = 2.0
+"""Standard deviations of the disturbing acceleration, by which a push may have been another."""
+HARDER = 1.1
+"""By this factor static friction exceeds a push that did not break it."""
+FEASIBLE = 0.97
+"""Of full control: more static friction is not believed in, or nothing would be tried."""
+LEAST_FACTOR, GREATEST_FACTOR = 0.25, 4.0
+"""As far as an estimate may go from the model's parameter."""
+STRONGEST_DAMPING = 0.95
+"""Of the velocity, in a step."""
+INITIAL_VELOCITY_STEPS = 10.0
+"""Of full control, to the standard deviation of an initial velocity that is not measured."""
+
+
+@compiled
+def believed(model: Plant, memory: Memory, caution: float, rest_velocity: float) -> Plant:
+    """Return the model with what has been learned.
+
+    Its static friction is a share `caution` of the way between what it is at least and at most, but
+    such that full control overcomes it; its velocity threshold is `rest_velocity`, m/s.
+    """
+    mean = memory.mean
+    gain, bias = mean[GAIN] * model.control_gain, mean[BIAS]
+    push = gain * model.highest_control + bias
+    pull = -(gain * model.lowest_control + bias)
+    static_forward = _static(memory.statics[FORWARD], caution, push, model.static_forward)
+    static_backward = _static(memory.statics[BACKWARD], caution, pull, model.static_backward)
+    coulomb_forward = min(static_forward, mean[COULOMB] * model.coulomb_forward)
+    coulomb_backward = min(static_backward, mean[COULOMB] * model.coulomb_backward)
+    strongest = STRONGEST_DAMPING / model.time_step
+    weakens = model.stribeck_velocity > 0.0
+    return Plant(
+        static_forward,
+        static_backward,
+        coulomb_forward,
+        coulomb_backward,
+        min(strongest, mean[DAMPING] * model.damping_forward),
+        min(strongest, mean[DAMPING] * model.damping_backward),
+        static_forward if weakens else coulomb_forward,
+        static_backward if weakens else coulomb_backward,
+        model.stribeck_velocity,
+        bias,
+        gain,
+        model.lowest_control,
+        model.highest_control,
+        model.time_step,
+        rest_velocity,
+    )
+
+
+@compiled
+def _static(bounds: FloatArray, caution: float, push: float, modelled: float) -> float:
+    """Return what is believed of a static friction, m/s^2.
+
+    Where full control overcomes the model's, it is believed to overcome what was learned, too.
+    """
+    static: float = bounds[LEAST] + caution * (bounds[MOST] - bounds[LEAST])
+    if push > modelled:
+        static = min(static, FEASIBLE * push)
+    return static
+
+
+@compiled
+def observe(
+    position: float, velocity: float, memory: Memory, model: Plant, settings: Settings
+) -> None:
+    """Take a measured `position` (m) and `velocity` (m/s; NaN if not measured) into account.
+
+    Extended Kalman filter (Simon, Optimal State Estimation, Sect. 13.2) over position, velocity,
+    and factors of gain, Coulomb friction and damping beside the bias, each step linearised where
+    the friction law is. Without an observer the measurement is the state. Either way a mass that
+    breaks away, or does not, bounds static friction.
+    """
+    mean, registers = memory.mean, memory.registers
+    if registers[STEPS] == 0.0:
+        _begin(position, velocity, memory, model, settings)
+        return
+    plant = believed(model, memory, 0.5, settings.rest_velocity)
+    pushed = acceleration(registers[ACTING], plant)
+    rested = abs(mean[VELOCITY]) < settings.rest_velocity
+    if settings.observes:
+        _predict(registers[ACTING], memory, model, plant, settings)
+        _correct(position, velocity, memory, model, settings)
+    else:
+        mean[POSITION], mean[VELOCITY] = position, velocity
+    if rested and registers[FROZEN] == 0.0:
+        side = FORWARD if pushed > 0.0 else BACKWARD
+        _bound_static(abs(pushed), memory.mean[VELOCITY], memory.statics[side], model, settings)
+
+
+@compiled
+def _begin(
+    position: float, velocity: float, memory: Memory, model: Plant, settings: Settings
+) -> None:
+    is_known = not math.isnan(velocity)
+    memory.mean[POSITION], memory.mean[VELOCITY] = position, velocity if is_known else 0.0
+    if settings.observes:
+        unknown = (INITIAL_VELOCITY_STEPS * _full_step(model)) ** 2
+        memory.covariance[POSITION, POSITION] = settings.position_variance
+        memory.covariance[VELOCITY, VELOCITY] = settings.velocity_variance if is_known else unknown
+
+
+@compiled
+def _full_step(model: Plant) -> float:
+    """Return the velocity that full control adds in a step, m/s."""
+    half = 0.5 * (model.highest_control - model.lowest_control)
+    return model.time_step * model.control_gain * half
+
+
+@compiled
+def _predict(
+    control: float, memory: Memory, model: Plant, plant: Plant, settings: Settings
+) -> None:
+    """Advance mean and covariance over a step with `control`.
+
+    The next velocity's slopes by velocity and parameters are those of the step's kind; none where
+    the mass is stuck or stops.
+    """
+    mean, covariance, time_step = memory.mean, memory.covariance, plant.time_step
+    velocity = mean[VELOCITY]
+    step = take_step(velocity, control, plant)
+    slopes = (0.0, step.by_velocity, 0.0, 0.0, 0.0, 0.0)
+    noise = REST_NOISE * _full_step(model)
+    if step.kind in (BREAKING_AWAY, SLIDING):
+        forward = step.direction > 0.0
+        coulomb = model.coulomb_forward if forward else model.coulomb_backward
+        damping = model.damping_forward if forward else model.damping_backward
+        damping = damping * velocity if step.kind == SLIDING else 0.0
+        slopes = (
+            0.0,
+            step.by_velocity,
+            time_step * model.control_gain * control,
+            -time_step * step.direction * coulomb,
+            -time_step * damping,
+            time_step,
+        )
+        noise = time_step * settings.acceleration_noise
+    # Covariances of the next velocity with all that was estimated before.
+    across = covariance[0] * 0.0
+    variance = noise * noise
+    for j in range(NUM_ESTIMATED):
+        for i in range(1, NUM_ESTIMATED):
+            across[j] += slopes[i] * covariance[i, j]
+    for i in range(1, NUM_ESTIMATED):
+        variance += slopes[i] * across[i]
+    position_variance = covariance[POSITION, POSITION] + 2.0 * time_step * across[POSITION]
+    covariance[POSITION, POSITION] = position_variance + time_step * time_step * variance
+    for j in range(2, NUM_ESTIMATED):
+        both = covariance[POSITION, j] + time_step * across[j]
+        covariance[POSITION, j] = covariance[j, POSITION] = both
+        covariance[VELOCITY, j] = covariance[j, VELOCITY] = across[j]
+    both = across[POSITION] + time_step * variance
+    covariance[POSITION, VELOCITY] = covariance[VELOCITY, POSITION] = both
+    covariance[VELOCITY, VELOCITY] = variance
+    mean[VELOCITY] = step.next_velocity
+    mean[POSITION] += time_step * step.next_velocity
+
+
+@compiled
+def _correct(
+    position: float, velocity: float, memory: Memory, model: Plant, settings: Settings
+) -> None:
+    """Weigh the measurement against the prediction; a push teaches nothing of the model."""
+    mean, covariance, registers = memory.mean, memory.covariance, memory.registers
+    is_known = not math.isnan(velocity)
+    gate = GATE * GATE
+    expected = covariance[POSITION, POSITION] + settings.position_variance
+    is_push = (position - mean[POSITION]) ** 2 > gate * expected
+    if is_known:
+        expected = covariance[VELOCITY, VELOCITY] + settings.velocity_variance
+        is_push = is_push or (velocity - mean[VELOCITY]) ** 2 > gate * expected
+    if is_push:
+        registers[FROZEN] = FROZEN_STEPS
+        registers[PUSHED] += 1.0
+        covariance[VELOCITY, VELOCITY] += _full_step(model) ** 2
+    else:
+        registers[FROZEN] = max(0.0, registers[FROZEN] - 1.0)
+        registers[PUSHED] = 0.0
+    if registers[PUSHED] > PATIENCE:
+        # No push lasts so long: what was learned is wrong, or the model is worse than was said.
+        for i in range(GAIN, NUM_ESTIMATED):
+            for j in range(NUM_ESTIMATED):
+                covariance[i, j] *= DOUBTED
+                covariance[j, i] *= DOUBTED
+    learns = registers[FROZEN] == 0.0 and abs(mean[VELOCITY]) > LEARNING * settings.rest_velocity
+    # A mass that was thought to break away and did not tells of static friction alone.
+    learns = learns and not (is_known and abs(velocity) < settings.rest_velocity)
+    _update(POSITION, position, settings.position_variance, learns, mean, covariance)
+    if is_known:
+        _update(VELOCITY, velocity, settings.velocity_variance, learns, mean, covariance)
+    for parameter in (GAIN, COULOMB, DAMPING):
+        mean[parameter] = min(GREATEST_FACTOR, max(LEAST_FACTOR, mean[parameter]))
+
+
+@compiled
+def _update(
+    index: int,
+    measured: float,
+    variance: float,
+    learns: bool,
+    mean: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Correct by one measured number, in Joseph's form: the gain need not be the best one."""
+    row = covariance[index].copy()
+    total = row[index] + variance
+    gain = row / total
+    if not learns:
+        for i in range(GAIN, NUM_ESTIMATED):
+            gain[i] = 0.0
+    residual = measured - mean[index]
+    for i in range(NUM_ESTIMATED):
+        mean[i] += gain[i] * residual
+    for i in range(NUM_ESTIMATED):
+        for j in range(i + 1):
+            covariance[i, j] += gain[i] * total * gain[j] - gain[i] * row[j] - row[i] * gain[j]
+            covariance[j, i] = covariance[i, j]
+
+
+@compiled
+def _bound_static(
+    pushed: float, velocity: float, bounds: FloatArray, model: Plant, settings: Settings
+) -> None:
+    """Narrow what static friction can be, by a push (m/s^2) that broke a resting mass away or not.
+
+    A noisy sensor does not tell that a mass has not moved at all: then only what is to be tried
+    next becomes more.
+    """
+    doubt = DOUBT * settings.acceleration_noise
+    if abs(velocity) > MOVING * settings.rest_velocity:
+        bounds[MOST] = max(bounds[LEAST], min(bounds[MOST], pushed + doubt))
+    elif abs(velocity) < settings.rest_velocity and pushed > bounds[LEAST]:
+        if pushed >= bounds[MOST]:
+            bounds[MOST] = HARDER * pushed
+        if settings.rest_velocity <= model.velocity_threshold:
+            bounds[LEAST] = max(bounds[LEAST], pushed - doubt)

@@ -1,0 +1,234 @@
+"""The observer against a textbook filter, and what it learns and does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.planning.arrays import FloatArray
+from app.planning.control import RecedingHorizon
+from app.planning.control.memory import (
+    BIAS,
+    COULOMB,
+    DAMPING,
+    FORWARD,
+    GAIN,
+    LEAST,
+    MOST,
+    POSITION,
+    VELOCITY,
+    Memory,
+)
+from app.planning.control.observer import Identification, Observer
+from app.planning.control.simulation import Disturbance, Pulse, Sensor
+from app.planning.control.step import Goal, Measurement, control_step
+from app.planning.plant.rollout import rollout
+from app.planning.plant.system import ByDirection, System
+from tests.planning.control.controllers import EXACT, OFF, run
+
+LEARNS = RecedingHorizon(observer=EXACT)
+
+
+def driven(
+    controller: RecedingHorizon, truth: System, measured: FloatArray, *, steps: int = 30
+) -> Memory:
+    """Return the memory after `steps` of a controller, whose controls are carried out on a truth.
+
+    Args:
+        controller: of the model that it has by default.
+        truth: the plant.
+        measured: (2,), what is added to the state where it is measured.
+        steps: how many.
+    """
+    state, memory = np.zeros(2), None
+    for k in range(steps):
+        measurement = Measurement(*(state + measured).tolist())
+        taken = control_step(controller, System(), measurement, Goal(0.5, 64 - k), memory)
+        memory = taken.memory
+        state = rollout(truth, state, np.array([[taken.control]]))[0, -1]
+    assert memory is not None
+    return memory
+
+
+def test_of_a_sliding_mass_it_is_the_textbook_filter() -> None:
+    observer = Observer(2e-3, 3e-2, acceleration_noise=0.3, identification=None)
+    controller = RecedingHorizon(observer=observer)
+    dt, rng = 0.05, np.random.default_rng(0)
+    states = rollout(System(), np.array([0.0, 0.3]), np.full((1, 20), 0.9))[0]
+    noise = np.array([2e-3, 3e-2])
+    measurements = states + noise * rng.standard_normal((21, 2))
+    mean, covariance = measurements[0], np.diag(noise**2)
+    memory, control = None, 0.0
+    transition = np.array([[1.0, dt * (1 - 0.05 * dt)], [0.0, 1 - 0.05 * dt]])
+    pushed = np.array([dt, 1.0]) * 0.3 * dt
+    for k, measured in enumerate(measurements):
+        if k > 0:
+            moved = rollout(System(), mean, np.array([[control]]))[0, -1]
+            covariance = transition @ covariance @ transition.T + np.outer(pushed, pushed)
+            gain = covariance @ np.linalg.inv(covariance + np.diag(noise**2))
+            mean = moved + gain @ (measured - moved)
+            covariance = (np.eye(2) - gain) @ covariance
+        taken = control_step(
+            controller, System(), Measurement(*measured.tolist()), Goal(0.9, 64 - k), memory
+        )
+        memory, control = taken.memory, taken.control
+        np.testing.assert_allclose(memory.mean[:2], mean, atol=1e-9)
+        np.testing.assert_allclose(memory.covariance[:2, :2], covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_it_finds_what_the_model_has_wrong() -> None:
+    runs = driven(LEARNS, OFF, np.zeros(2), steps=60)
+
+    assert runs.mean[GAIN] == pytest.approx(0.97, abs=2e-3)
+    # Forward motion tells of friction and bias together.
+    friction = 0.6 * runs.mean[COULOMB] - runs.mean[BIAS]
+    assert friction == pytest.approx(0.66, abs=2e-3)
+    assert runs.statics[FORWARD, LEAST] <= 0.78 <= runs.statics[FORWARD, MOST]
+
+
+def test_it_learns_of_each_direction_though_the_model_has_one_friction() -> None:
+    truth = System(ByDirection(0.75, 0.65), ByDirection(0.7, 0.52), bias=0.05)
+    there_and_back = RecedingHorizon(observer=EXACT)
+    state, memory = np.zeros(2), None
+    for k in range(120):
+        goal = Goal(0.4 if k < 60 else 0.0, 60 - k % 60)
+        measurement = Measurement(*state.tolist())
+        taken = control_step(there_and_back, System(), measurement, goal, memory)
+        memory = taken.memory
+        state = rollout(truth, state, np.array([[taken.control]]))[0, -1]
+    plant = taken.estimate.system.plant
+
+    assert plant.coulomb_forward - plant.bias == pytest.approx(0.65, abs=5e-3)
+    assert plant.coulomb_backward + plant.bias == pytest.approx(0.57, abs=5e-3)
+
+
+def test_of_an_exact_model_nothing_is_unlearned() -> None:
+    memory = driven(LEARNS, System(), np.zeros(2))
+
+    np.testing.assert_allclose(memory.mean[[GAIN, COULOMB, DAMPING]], 1.0, atol=1e-6)
+    assert memory.mean[BIAS] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_covariances_stay_symmetric_and_positive_semidefinite() -> None:
+    noisy = replace(LEARNS, observer=Observer(1e-3, 1e-2))
+    memory = driven(noisy, OFF, np.array([5e-4, -5e-3]))
+
+    np.testing.assert_array_equal(memory.covariance, memory.covariance.T)
+    assert np.linalg.eigvalsh(memory.covariance)[0] > -1e-12
+
+
+def test_without_identification_the_model_is_never_changed() -> None:
+    observer = replace(EXACT, identification=None)
+    memory = driven(RecedingHorizon(observer=observer), OFF, np.zeros(2))
+
+    np.testing.assert_array_equal(memory.mean[[GAIN, COULOMB, DAMPING]], 1.0)
+
+
+def test_a_push_by_hand_teaches_nothing() -> None:
+    pushed = Disturbance(pulses=(Pulse(12, 5, 1.5),))
+    quiet = run(LEARNS, truth=System(), target=0.5)
+    rough = run(LEARNS, truth=System(), target=0.5, disturbance=pushed)
+
+    assert rough.states[0, 17, 1] > quiet.states[0, 17, 1] + 0.2
+    assert rough.final_errors[0] < 1e-3
+    memory = _after_a_push()
+    np.testing.assert_allclose(memory.mean[[GAIN, COULOMB, DAMPING]], 1.0, atol=0.01)
+
+
+def _after_a_push() -> Memory:
+    state, memory = np.zeros(2), None
+    for k in range(20):
+        measurement = Measurement(*state.tolist())
+        memory = control_step(LEARNS, System(), measurement, Goal(0.5, 64 - k), memory).memory
+        push = 1.5 if 12 <= k < 17 else 0.0
+        acting = np.array([[memory.registers[5] + push]])
+        state = rollout(System(), state, acting)[0, -1]
+    assert memory is not None
+    return memory
+
+
+def test_a_kick_that_moves_nothing_is_followed_by_a_harder_one() -> None:
+    sticky = System(0.84, 0.6)
+    for observer in (None, EXACT, Observer(1e-3, 1e-2)):
+        runs = run(RecedingHorizon(observer=observer), truth=sticky, target=0.1)
+        assert runs.final_errors[0] < 0.01
+
+
+def test_static_friction_is_never_believed_to_be_beyond_full_control() -> None:
+    stuck = RecedingHorizon(observer=EXACT)
+    memory = None
+    for _ in range(30):
+        # Nothing ever moves.
+        taken = control_step(stuck, System(), Measurement(0.0, 0.0), Goal(0.3), memory)
+        memory = taken.memory
+    assert taken.control > 0.85
+    assert taken.estimate.system.plant.static_forward < 0.9
+
+
+def test_positions_alone_tell_of_the_velocity() -> None:
+    observer = Observer(1e-4, identification=None)
+    runs = run(
+        RecedingHorizon(observer=observer),
+        truth=System(),
+        start=(0.0, 0.4),
+        sensor=Sensor(1e-4, measures_velocity=False),
+        steps=20,
+    )
+    errors = runs.estimates[0] - runs.states[0, :-1]
+
+    assert abs(errors[0, 1]) == pytest.approx(0.4)
+    assert np.all(np.abs(errors[2:, 1]) < 0.01)
+
+
+def test_an_encoder_of_coarse_steps_is_a_noise_of_its_own() -> None:
+    assert Observer(0.0, position_step=1.2e-3).position_std == pytest.approx(1.2e-3 / 12**0.5)
+    looking = Observer(0.0, position_step=2e-3)
+    runs = run(
+        RecedingHorizon(observer=looking),
+        sensor=Sensor(position_step=2e-3, measures_velocity=False),
+    )
+
+    assert runs.final_errors[0] < 4e-3
+    assert not runs.hunting[0]
+
+
+def test_shares_are_what_is_believed_at_first() -> None:
+    known = Observer(identification=Identification(0.0, 0.0, 0.0, 0.0, 0.0))
+    estimate = control_step(
+        RecedingHorizon(observer=known), System(), Measurement(0.0, 0.0), Goal(0.3)
+    ).estimate
+
+    assert estimate.system == System()
+    assert (estimate.gain_std, estimate.coulomb_std, estimate.bias_std) == (0.0, 0.0, 0.0)
+    assert estimate.static_forward == (0.7, 0.7)
+    unsure = control_step(LEARNS, System(), Measurement(0.0, 0.0), Goal(0.3)).estimate
+    assert unsure.static_backward == pytest.approx((0.56, 0.84))
+    assert unsure.coulomb_std == pytest.approx(0.2 / 3**0.5)
+    assert (unsure.position, unsure.velocity) == (0.0, 0.0)
+    assert POSITION == 0
+    assert VELOCITY == 1
+
+
+def test_a_model_worse_than_was_said_is_learned_after_a_while() -> None:
+    truth = System(0.3, 0.25)
+    memory = driven(LEARNS, truth, np.zeros(2), steps=50)
+    runs = run(LEARNS, truth=truth, target=0.5)
+
+    friction = 0.6 * memory.mean[COULOMB] - memory.mean[BIAS]
+    assert friction == pytest.approx(0.25, abs=0.02)
+    assert runs.final_errors[0] < 1e-3
+    assert not runs.hunting[0]
+
+
+def test_a_kick_that_moves_nothing_says_nothing_of_friction_in_motion() -> None:
+    state, memory = np.array([0.043, 0.15456]), None
+    truth = System(0.836, 0.6587, 0.0434, control_gain=0.9956)
+    for k in range(30):
+        measurement = Measurement(*state.tolist())
+        taken = control_step(LEARNS, System(), measurement, Goal(0.0, 64 - k), memory)
+        memory = taken.memory
+        state = rollout(truth, state, np.array([[taken.control]]))[0, -1]
+    plant = taken.estimate.system.plant
+
+    assert plant.control_gain == pytest.approx(0.9956, abs=0.01)
+    assert plant.coulomb_backward + plant.bias == pytest.approx(0.6587, abs=0.01)

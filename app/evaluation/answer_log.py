@@ -133,7 +133,7 @@ class AnswerLog:
     def append(self, question: Question, content: Mapping[str, Any], latency_ms: float) -> None:
         """Keep an answer: its line is complete on disk when this returns."""
         kept = question.body | {
-            "answer": _without_trajectories(content, question.trajectories),
+            "answer": _kept(content, question),
             "latency_ms": round(latency_ms, 3),
         }
         self._write(kept)
@@ -183,6 +183,18 @@ class AnswerLog:
             return
         answer = Answer(line.pop("answer"), line.pop("latency_ms"))
         self._answers[key_of(line)] = answer
+
+
+def _kept(content: Mapping[str, Any], question: Question) -> dict[str, Any]:
+    """Drop what was not wanted of an answer."""
+    kept = _without_trajectories(content, question.trajectories)
+    if question.kept_steps:
+        states = (run["states"] for run in content["runs"])
+        kept["runs"] = [
+            _without_trajectories(run, False) | {"states": [of_run[k] for k in question.kept_steps]}
+            for run, of_run in zip(content["runs"], states, strict=True)
+        ]
+    return kept
 
 
 def _without_trajectories(content: Mapping[str, Any], wanted: bool) -> dict[str, Any]:

@@ -11,8 +11,11 @@ from app.evaluation.question import Question
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.requests import MultistepPlanRequest
+from app.wire.simulation import SimulateRequest, SimulateResponse
 
-AnyResponse: TypeAlias = PlanResponse | MultistepPlanResponse | IdentifyResponse
+AnyResponse: TypeAlias = (
+    PlanResponse | MultistepPlanResponse | IdentifyResponse | SimulateResponse
+)
 
 
 async def ask_all(
@@ -61,17 +64,19 @@ async def ask_all(
 
 async def ask(client: AsyncPlannerClient, question: Question) -> AnyResponse:
     """Ask one question; errors as for `AsyncPlannerClient.plan`."""
-    request = question.asked
+    request = question.request
     if isinstance(request, IdentifyRequest):
         return await client.identify(request)
     if isinstance(request, MultistepPlanRequest):
         return await client.plan_multistep(request)
+    if isinstance(request, SimulateRequest):
+        return await client.simulate(request)
     return await client.plan(request)
 
 
 def _check_model(answer: AnyResponse, log: AnswerLog) -> None:
     """Make sure that a service that was restarted meanwhile is still the same."""
-    if isinstance(answer, IdentifyResponse) or answer.model is None:
+    if isinstance(answer, IdentifyResponse | SimulateResponse) or answer.model is None:
         return
     name = f"{answer.model.name}/{answer.model.version}"
     if log.sessions[-1].models.get(name) != answer.model.sha256:

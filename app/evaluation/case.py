@@ -19,6 +19,7 @@ SYMBOLS = {
     "refined_by": "Refined by",
     "machine": "Machine",
     "off_by": "off by",
+    "circumstances": "disturbed by",
     "horizon": "H",
 }
 """What tables call that which suites vary."""

@@ -10,6 +10,7 @@ from app.evaluation.entrants import CEM, DIFFUSION, REFINED_PRIOR, UNIFORM
 from app.evaluation.question import Question
 from app.evaluation.served import ServedModels
 from app.planning.problem import Cost
+from app.wire.simulation import SimulateRequest
 
 PROBES = 5
 SECONDS_PER_SAMPLE = 5e-4
@@ -30,11 +31,11 @@ class Rates(NamedTuple):
 
     def seconds(self, question: Question, cost: Cost) -> float:
         """Estimate how long the answer to `question` takes, which costs so much."""
-        if not question.is_plan:
-            return SECONDS_PER_SAMPLE * len(question.log.controls)
+        if isinstance(question.request, IdentifyRequest):
+            return SECONDS_PER_SAMPLE * len(question.request.controls)
         return (
-            question.num_plans * (self.plan + self.refinement * bool(question.request.refine))
-            + cost.network_evaluations * question.request.num_candidates * self.network_row
+            question.num_plans * (self.plan + self.refinement * _is_refined(question))
+            + cost.network_evaluations * _num_candidates(question) * self.network_row
             + cost.rollouts * self.rollout
         )
 
@@ -74,10 +75,21 @@ async def measure_rates(
     network_row = 0.0
     if network:
         evaluations = served.cost(learned).network_evaluations
-        network_row = await more(learned) / (evaluations * learned.request.num_candidates)
+        network_row = await more(learned) / (evaluations * _num_candidates(learned))
     return Rates(
         plan=plan,
         network_row=network_row,
         rollout=await more(cem) / served.cost(cem).rollouts,
         refinement=await more(refined),
     )
+
+
+def _is_refined(question: Question) -> bool:
+    request = question.request
+    return not isinstance(request, SimulateRequest) and request.refine is not None
+
+
+def _num_candidates(question: Question) -> int:
+    """Return K; no run has candidates."""
+    request = question.request
+    return 0 if isinstance(request, SimulateRequest) else request.num_candidates

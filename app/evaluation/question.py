@@ -1,6 +1,6 @@
 """What a suite asks: a request, who takes part in it, and what the report calls them.
 
-Most suites ask for plans; a log that a machine is to be identified from is asked the same way.
+Most suites ask for plans; logs to identify a machine from, and runs, are asked the same way.
 """
 
 import hashlib
@@ -13,8 +13,16 @@ from typing import Any, TypeAlias
 from app.figures.style import Look
 from app.wire.identification import IdentifyRequest
 from app.wire.requests import MultistepPlanRequest, PlanRequest
+from app.wire.simulation import SimulateRequest
 
-AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
+AnyPlanRequest: TypeAlias = PlanRequest | MultistepPlanRequest
+AnyRequest: TypeAlias = AnyPlanRequest | IdentifyRequest | SimulateRequest
+PATHS: dict[type[AnyRequest], str] = {
+    PlanRequest: "/plan",
+    MultistepPlanRequest: "/plan_multistep",
+    IdentifyRequest: "/identify",
+    SimulateRequest: "/simulate",
+}
 SERIES = ("controls", "positions", "velocities")
 """Of a log; thousands of numbers, of which an evaluation keeps a digest."""
 
@@ -34,7 +42,7 @@ class Entrant:
         """Return the entrant with more fields of the request."""
         return replace(self, fields=self.fields | fields)
 
-    def request(self, task: Mapping[str, Any], num_candidates: int, seed: int) -> AnyRequest:
+    def request(self, task: Mapping[str, Any], num_candidates: int, seed: int) -> AnyPlanRequest:
         """Return the request for a task, by default with the shortest answer.
 
         Raises:
@@ -51,40 +59,24 @@ class Question:
 
     labels: Mapping[str, str | int | float]
     """Columns of the suite's data: entrant, num_candidates, task, run and what else it varies."""
-    asked: AnyRequest | IdentifyRequest
+    request: AnyRequest
     trajectories: bool = False
     """Whether controls, states and candidates of the answer are wanted, or its measures alone."""
     if_covered: bool = False
     """Whether it is left out where no model of the service covers its plant."""
+    kept_steps: tuple[int, ...] = ()
+    """Of runs: the steps whose states are kept."""
 
     @property
-    def is_plan(self) -> bool:
-        """Whether a plan is asked for."""
-        return not isinstance(self.asked, IdentifyRequest)
-
-    @property
-    def request(self) -> AnyRequest:
-        """The request for a plan, or for several."""
-        assert not isinstance(self.asked, IdentifyRequest)
-        return self.asked
-
-    @property
-    def log(self) -> IdentifyRequest:
-        """The request to identify a machine from its log."""
-        assert isinstance(self.asked, IdentifyRequest)
-        return self.asked
+    def plan(self) -> AnyPlanRequest:
+        """The request, where it is for a plan or for several."""
+        assert isinstance(self.request, PlanRequest | MultistepPlanRequest)
+        return self.request
 
     @property
     def num_plans(self) -> int:
         """How many plans the answer holds."""
-        return len(self.asked.targets) if isinstance(self.asked, MultistepPlanRequest) else 1
-
-    @property
-    def path(self) -> str:
-        """Where it is asked."""
-        if isinstance(self.asked, IdentifyRequest):
-            return "/identify"
-        return "/plan_multistep" if isinstance(self.asked, MultistepPlanRequest) else "/plan"
+        return len(self.request.targets) if isinstance(self.request, MultistepPlanRequest) else 1
 
     @property
     def body(self) -> dict[str, Any]:
@@ -94,14 +86,16 @@ class Question:
         default value: a question stays the same when there come to be more of them. A method has
         all its options: with other defaults it is another question.
         """
-        said = self.asked.model_dump(mode="json", exclude_defaults=True)
-        whole = self.asked.model_dump(
+        said = self.request.model_dump(mode="json", exclude_defaults=True)
+        whole = self.request.model_dump(
             mode="json", include=said.keys() - {"system"}, exclude_none=True
         )
         request = said | whole
-        if isinstance(self.asked, IdentifyRequest):
+        if isinstance(self.request, IdentifyRequest):
             request |= {name: _digest(request[name]) for name in SERIES if name in request}
-        return {"path": self.path, "trajectories": self.trajectories, "request": request}
+        path = PATHS[type(self.request)]
+        body = {"path": path, "trajectories": self.trajectories, "request": request}
+        return body | ({"kept_steps": list(self.kept_steps)} if self.kept_steps else {})
 
     @cached_property
     def key(self) -> str:

@@ -4,11 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.evaluation.answer_log import EvaluationError
-from app.evaluation.question import AnyRequest, Question
+from app.evaluation.question import AnyPlanRequest, Question
 from app.planning.methods.settling import needs_model
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON, Cost
 from app.wire.about import ModelDescription
+from app.wire.identification import IdentifyRequest
+from app.wire.simulation import SimulateRequest
+
+ROLLOUTS_OF_A_STEP = 5
+"""What a step of a closed loop takes, about: a receding horizon's plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,16 +27,18 @@ class ServedModels:
 
     def can_answer(self, question: Question) -> bool:
         """Say whether there is a model for it, if it needs one."""
-        return not _needs_model(question) or self._model_for(question.request) is not None
+        request = _learned(question)
+        return request is None or self._model_for(request) is not None
 
     def answers_otherwise(self, question: Question, model: str | None) -> bool:
         """Say whether another model than `model`, a name/version, answers the question now.
 
         What there is no model for any more is answered by none.
         """
-        if not _needs_model(question):
+        request = _learned(question)
+        if request is None:
             return False
-        now = self._model_for(question.request)
+        now = self._model_for(request)
         return now is not None and now.label != model
 
     def cost(self, question: Question) -> Cost:
@@ -40,9 +47,12 @@ class ServedModels:
         Raises:
             EvaluationError: there is no model for it.
         """
-        if not question.is_plan:
-            return Cost()
         request, samplers = question.request, None
+        if isinstance(request, IdentifyRequest):
+            return Cost()
+        if isinstance(request, SimulateRequest):
+            steps = (request.steps or DEFAULT_HORIZON) * request.num_runs
+            return Cost(rollouts=steps * ROLLOUTS_OF_A_STEP)
         recipe = request.recipe()
         if needs_model(recipe.method):
             model = self._model_for(request)
@@ -53,7 +63,7 @@ class ServedModels:
         each, count = recipe.settled(samplers).unrefined.cost(), question.num_plans
         return Cost(count * each.network_evaluations, count * each.rollouts)
 
-    def _model_for(self, request: AnyRequest) -> ModelDescription | None:
+    def _model_for(self, request: AnyPlanRequest) -> ModelDescription | None:
         """Return the model that the service takes for a request."""
         for model in self.models:
             if request.model:
@@ -64,5 +74,9 @@ class ServedModels:
         return None
 
 
-def _needs_model(question: Question) -> bool:
-    return question.is_plan and needs_model(question.request.recipe().method)
+def _learned(question: Question) -> AnyPlanRequest | None:
+    """Return what is asked of a model, if that is."""
+    request = question.request
+    if isinstance(request, IdentifyRequest | SimulateRequest):
+        return None
+    return request if needs_model(request.recipe().method) else None

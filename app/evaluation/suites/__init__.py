@@ -2,6 +2,7 @@
 
 from app.evaluation.suite import Suite
 from app.evaluation.suites.any_machine import AnyMachine
+from app.evaluation.suites.closed_loop import ClosedLoop
 from app.evaluation.suites.error_compute import ErrorCompute
 from app.evaluation.suites.friction_sensitivity import FrictionSensitivity
 from app.evaluation.suites.identification import Identification
@@ -31,6 +32,7 @@ SUITES: dict[str, type[Suite]] = {
         PlantSensitivity,
         Robust,
         Identification,
+        ClosedLoop,
         LearnedPrior,
         SamplerFrontier,
     )

@@ -56,7 +56,7 @@ def test_every_point_gets_the_same_runs_and_the_runs_come_outermost() -> None:
 
 def test_cem_has_the_iterations_that_the_labels_say() -> None:
     for question in SUITE.questions():
-        done = getattr(question.request.method, "iterations", 40)
+        done = getattr(question.plan.method, "iterations", 40)
         assert done == (question.labels["iterations"] or 40)
 
 

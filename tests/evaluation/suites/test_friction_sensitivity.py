@@ -61,7 +61,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
     questions = list(WHOLE.questions())
     assert len(questions) == len({question.key for question in questions})
     assert len(questions) == 3 * 30 * 5 * (len(ENTRANTS) + 1)
-    assert {question.request.num_candidates for question in questions} == {128}
+    assert {question.plan.num_candidates for question in questions} == {128}
 
 
 def test_static_friction_alone_differs_and_goes_unsaid_where_it_is_nominal() -> None:
@@ -76,7 +76,7 @@ def test_static_friction_alone_differs_and_goes_unsaid_where_it_is_nominal() -> 
 
 def test_those_trained_for_each_friction_name_their_models_and_nobody_else_does() -> None:
     models = {
-        (question.labels["entrant"], question.labels["static_friction"]): question.request.model
+        (question.labels["entrant"], question.labels["static_friction"]): question.plan.model
         for question in SUITE.questions()
     }
     for (entrant, friction), model in models.items():
@@ -92,7 +92,7 @@ def test_questions_on_the_nominal_plant_are_those_of_the_random_multistep_suite(
     elsewhere = {
         question.key
         for question in other.questions()
-        if question.request.num_candidates in suite.size.budgets
+        if question.plan.num_candidates in suite.size.budgets
     }
     own: dict[bool, set[str]] = {True: set(), False: set()}
     for question in suite.questions():

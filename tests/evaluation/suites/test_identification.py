@@ -11,6 +11,7 @@ from app.evaluation.question import Question
 from app.evaluation.suite import Claim, Picture, Table
 from app.evaluation.suites.identification import PARAMETERS, RECORDINGS, STANDARD, Identification
 from app.planning.plant.system import System
+from app.wire.identification import IdentifyRequest
 from tests.evaluation.synthetic import section_of
 
 SUITE = Identification(seed=3, quick=True)
@@ -40,8 +41,8 @@ def test_it_asks_for_logs_and_again_for_the_same_ones() -> None:
     assert [question.key for question in once] == [question.key for question in again]
     assert len({question.key for question in once}) == len(once) == SUITE.size.tasks
     for question in once:
-        assert question.path == "/identify"
-        assert len(question.log.controls) == 1000
+        assert isinstance(question.request, IdentifyRequest)
+        assert len(question.request.controls) == 1000
         # A digest stands for thousands of numbers.
         assert len(question.body["request"]["positions"]) == 64
 

@@ -71,7 +71,7 @@ def test_the_uniform_and_larger_budgets_take_part_where_they_tell_something() ->
 
 def test_requests_are_refined_as_their_labels_say() -> None:
     for question in SUITE.questions():
-        way, request = question.labels["refined_by"], question.request
+        way, request = question.labels["refined_by"], question.plan
         assert request.refine is not None
         assert request.refine.repair == (way != DESCENT.label)
         assert (request.objective == "control_energy") == (way == LEAST_ENERGY.label)

@@ -73,7 +73,7 @@ def test_everybody_gets_the_first_random_transitions_with_the_same_seeds() -> No
 def test_two_hundred_tasks_at_k_32() -> None:
     questions = list(PlantSensitivity(seed=3).questions())
     assert len({question.key for question in questions}) == 200 * len(TESTED)
-    assert {question.request.num_candidates for question in questions} == {32}
+    assert {question.plan.num_candidates for question in questions} == {32}
 
 
 def test_kinetic_friction_never_exceeds_static_friction() -> None:
@@ -199,7 +199,7 @@ def test_a_panel_for_each_parameter_has_a_line_of_each_method(plain: Section) ->
 
 def test_robust_plans_stand_beside_the_nominal_ones() -> None:
     (asked,) = {
-        str(question.request.uncertainty)
+        str(question.plan.uncertainty)
         for question in SUITE.questions()
         if question.labels["entrant"] == ROBUST.label
     }

@@ -50,7 +50,7 @@ def section(
         gap = ERRORS.get(str(entrant), 0.25) * scale_of(MACHINES[machine].system).reach
         if machine == "servo" and entrant == DIFFUSION.label:
             gap *= diffusion_on_servo
-        if question.request.refine:
+        if question.plan.refine:
             gap = 2 * ARRIVAL if machine == missed else REFINED_GAP
         floor = FLOOR * (int(question.labels["task"]) < (unreachable or {}).get(machine, 1))
         given = plan_answer(gap, compute_ms=compute_ms)
@@ -86,7 +86,7 @@ def test_two_hundred_tasks_at_both_k_and_the_quick_evaluation_asks_some_of_them(
     whole = {question.key: question for question in RandomMachines(seed=3).questions()}
     quick = {question.key for question in SUITE.questions()}
     assert len(whole) == 200 * 2 * (6 * len(ENTRANTS) - 5)
-    assert {question.request.num_candidates for question in whole.values()} == {16, 128}
+    assert {question.plan.num_candidates for question in whole.values()} == {16, 128}
     assert quick < whole.keys()
     assert quick.isdisjoint(question.key for question in RandomMachines(4, quick=True).questions())
 

@@ -66,7 +66,7 @@ def test_what_the_shipped_models_do_by_default_is_among_the_settings(model: str)
 def test_requests_have_the_settings_that_their_labels_say() -> None:
     settings = []
     for question in SUITE.questions():
-        method, model = question.request.method, question.request.model
+        method, model = question.plan.method, question.plan.model
         assert isinstance(method, ActionDiffusion)
         assert model is not None
         settings.append(Setting(method, model))
@@ -139,7 +139,7 @@ def test_the_diversity_of_the_candidates_is_shown() -> None:
 def test_where_answers_do_not_say_it_the_diversity_is_not_shown() -> None:
     def answer(question: Question) -> Answer:
         given = sequence_answer(0.5)
-        for part in given.content["segments"] if question.request.model == PAPER_MODEL else ():
+        for part in given.content["segments"] if question.plan.model == PAPER_MODEL else ():
             part.pop("diversity", None)
         return given
 
@@ -171,10 +171,10 @@ def test_every_setting_is_drawn_in_the_panel_of_its_k_and_nothing_else() -> None
         return float(k * evaluations)
 
     def answer(question: Question) -> Answer:
-        method, model = question.request.method, question.request.model
+        method, model = question.plan.method, question.plan.model
         assert isinstance(method, ActionDiffusion)
         assert model is not None
-        k = question.request.num_candidates
+        k = question.plan.num_candidates
         return sequence_answer(error(Setting(method, model).evaluations, k))
 
     (picture,) = section_of(SUITE, answer).all(Picture)

@@ -88,7 +88,7 @@ class Question:
         """
         said = self.request.model_dump(mode="json", exclude_defaults=True)
         whole = self.request.model_dump(
-            mode="json", include=said.keys() - {"system"}, exclude_none=True
+            mode="json", include=said.keys() - {"system", "nominal_system"}, exclude_none=True
         )
         request = said | whole
         if isinstance(self.request, IdentifyRequest):

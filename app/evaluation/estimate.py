@@ -10,6 +10,7 @@ from app.evaluation.entrants import CEM, DIFFUSION, REFINED_PRIOR, UNIFORM
 from app.evaluation.question import Question
 from app.evaluation.served import ServedModels
 from app.planning.problem import Cost
+from app.wire.identification import IdentifyRequest
 from app.wire.simulation import SimulateRequest
 
 PROBES = 5

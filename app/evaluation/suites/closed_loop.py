@@ -234,7 +234,8 @@ class ClosedLoop(Suite):
                 axes.plot(times, states[:, 0], color=entrant.look.color, lw=0.8)
             axes.axhline(task["target_state"][0], color="k", lw=0.5, ls=":")
             axes.axvline(times[MIDWAY], color="k", lw=0.5, ls=":")
-            axes.set(title=entrant.label, xlabel="time (s)")
+            axes.set_title(entrant.label, fontsize="small")
+            axes.set_xlabel("time (s)")
         panels[0].set_ylabel("position (m)")
         return Picture(
             f"Runs of the first task on {self.size.runs} plants that are off by up to "

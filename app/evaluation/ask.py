@@ -13,9 +13,7 @@ from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.requests import MultistepPlanRequest
 from app.wire.simulation import SimulateRequest, SimulateResponse
 
-AnyResponse: TypeAlias = (
-    PlanResponse | MultistepPlanResponse | IdentifyResponse | SimulateResponse
-)
+AnyResponse: TypeAlias = PlanResponse | MultistepPlanResponse | IdentifyResponse | SimulateResponse
 
 
 async def ask_all(

@@ -32,11 +32,15 @@ class Rates(NamedTuple):
 
     def seconds(self, question: Question, cost: Cost) -> float:
         """Estimate how long the answer to `question` takes, which costs so much."""
-        if isinstance(question.request, IdentifyRequest):
-            return SECONDS_PER_SAMPLE * len(question.request.controls)
+        request = question.request
+        if isinstance(request, IdentifyRequest):
+            return SECONDS_PER_SAMPLE * len(request.controls)
+        if isinstance(request, SimulateRequest):
+            return self.plan + cost.rollouts * self.rollout
+        refinement = 0.0 if request.refine is None else self.refinement
         return (
-            question.num_plans * (self.plan + self.refinement * _is_refined(question))
-            + cost.network_evaluations * _num_candidates(question) * self.network_row
+            question.num_plans * (self.plan + refinement)
+            + cost.network_evaluations * request.num_candidates * self.network_row
             + cost.rollouts * self.rollout
         )
 
@@ -76,21 +80,10 @@ async def measure_rates(
     network_row = 0.0
     if network:
         evaluations = served.cost(learned).network_evaluations
-        network_row = await more(learned) / (evaluations * _num_candidates(learned))
+        network_row = await more(learned) / (evaluations * learned.plan.num_candidates)
     return Rates(
         plan=plan,
         network_row=network_row,
         rollout=await more(cem) / served.cost(cem).rollouts,
         refinement=await more(refined),
     )
-
-
-def _is_refined(question: Question) -> bool:
-    request = question.request
-    return not isinstance(request, SimulateRequest) and request.refine is not None
-
-
-def _num_candidates(question: Question) -> int:
-    """Return K; no run has candidates."""
-    request = question.request
-    return 0 if isinstance(request, SimulateRequest) else request.num_candidates

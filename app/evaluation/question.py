@@ -17,12 +17,6 @@ from app.wire.simulation import SimulateRequest
 
 AnyPlanRequest: TypeAlias = PlanRequest | MultistepPlanRequest
 AnyRequest: TypeAlias = AnyPlanRequest | IdentifyRequest | SimulateRequest
-PATHS: dict[type[AnyRequest], str] = {
-    PlanRequest: "/plan",
-    MultistepPlanRequest: "/plan_multistep",
-    IdentifyRequest: "/identify",
-    SimulateRequest: "/simulate",
-}
 SERIES = ("controls", "positions", "velocities")
 """Of a log; thousands of numbers, of which an evaluation keeps a digest."""
 
@@ -93,7 +87,7 @@ class Question:
         request = said | whole
         if isinstance(self.request, IdentifyRequest):
             request |= {name: _digest(request[name]) for name in SERIES if name in request}
-        path = PATHS[type(self.request)]
+        path = _path_of(self.request)
         body = {"path": path, "trajectories": self.trajectories, "request": request}
         return body | ({"kept_steps": list(self.kept_steps)} if self.kept_steps else {})
 
@@ -101,6 +95,14 @@ class Question:
     def key(self) -> str:
         """Identify the question in a log of answers."""
         return key_of(self.body)
+
+
+def _path_of(request: AnyRequest) -> str:
+    if isinstance(request, IdentifyRequest):
+        return "/identify"
+    if isinstance(request, SimulateRequest):
+        return "/simulate"
+    return "/plan_multistep" if isinstance(request, MultistepPlanRequest) else "/plan"
 
 
 def _digest(values: Any) -> str:

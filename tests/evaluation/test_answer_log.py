@@ -276,7 +276,7 @@ def test_the_key_stays_when_requests_gain_a_field() -> None:
 
 
 def test_of_a_plant_the_key_holds_what_is_not_nominal() -> None:
-    request = question(1).request
+    request = question(1).plan
     request.system = System(static_friction=0.8)
     assert Question({}, request).body["request"]["system"] == {"static_friction": 0.8}
 

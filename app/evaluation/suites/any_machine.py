@@ -42,7 +42,7 @@ class AnyMachine(Suite):
                 yield from self.ask(entrant, k, if_covered=entrant == DIFFUSION)
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
-        system = question.request.system
+        system = question.plan.system
         assert isinstance(system, System)
         natural = in_natural_units(system.plant)
         (row,) = super().rows(question, answer)

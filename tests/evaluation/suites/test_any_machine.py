@@ -19,7 +19,7 @@ def section(median: float = 0.001, worst: float = 0.01, covered: bool = True) ->
     """The learned model's gap over the reach is `median`, `worst` on the last two; MPPI's 0.25."""
 
     def answer(question: Question) -> Answer:
-        system = question.request.system
+        system = question.plan.system
         assert isinstance(system, System)
         share = 0.25
         if question.labels["entrant"] == DIFFUSION.label:

@@ -65,7 +65,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size() -> None:
 
 
 def test_static_friction_alone_differs_and_goes_unsaid_where_it_is_nominal() -> None:
-    plants = {question.labels["static_friction"]: question.request.system for question in
+    plants = {question.labels["static_friction"]: question.plan.system for question in
               SUITE.questions()}  # fmt: skip
     assert plants == {
         0.6: System(static_friction=0.6),

@@ -70,7 +70,7 @@ def test_the_whole_evaluation_is_the_paper_s_in_size_and_begins_with_the_quick_o
 def test_a_plant_and_more_columns_may_be_given() -> None:
     system = System(static_friction=0.8)
     question, *_ = SUITE.ask(CEM.asking(system=system), 16, static_friction=0.8)
-    assert question.request.system == system
+    assert question.plan.system == system
     assert question.labels["static_friction"] == 0.8
 
 

@@ -16,6 +16,7 @@ import httpx
 import pytest
 import trustme
 from fastapi import Request
+from websockets.sync.client import connect
 
 from app.launch import START_SECONDS, free_port
 from app.main import create_app
@@ -46,6 +47,15 @@ http {{
         listen 127.0.0.1:{stripping[http]};
         listen 127.0.0.1:{stripping[https]} ssl;
         location /planner/ {{ proxy_pass {rooted}/; }}
+        location = /planner/control {{
+            proxy_pass {rooted}/control;
+            proxy_http_version 1.1;
+            proxy_set_header Upgrade $http_upgrade;
+            proxy_set_header Connection upgrade;
+            proxy_set_header Host $http_host;
+            proxy_set_header X-Forwarded-For $proxy_add_x_forwarded_for;
+            proxy_set_header X-Forwarded-Proto $scheme;
+        }}
         location /elsewhere/ {{ proxy_pass {rootless}/; }}
     }}
     server {{
@@ -178,6 +188,18 @@ def test_plans_and_problems_come_through(proxy: Proxy, way: str, scheme: str) ->
     problem = proxy.client.post(f"{url}plan", json=UNIFORM | {"seed": -1}).json()
     assert problem["errors"][0]["pointer"] == "/seed"
     assert problem["instance"] == ("/plan" if way == "unknown" else "/planner/plan")
+
+
+def test_sessions_and_single_steps_come_through(proxy: Proxy) -> None:
+    url = proxy.url("stripping", "http")
+    step = {"state": [0.0, 0.0], "target_state": [0.2, 0.0]}
+    assert proxy.client.post(f"{url}control", json=step).json()["control"] > 0
+    origin = url.removesuffix("/planner/")
+    with connect(url.replace("http", "ws") + "control", origin=origin) as session:  # type: ignore[arg-type]  # a NewType of str
+        session.send('{"type": "start", "target_state": [0.2, 0.0]}')
+        assert '"started"' in str(session.recv())
+        session.send('{"type": "measure", "position": 0.0, "velocity": 0.0}')
+        assert '"control"' in str(session.recv())
 
 
 def test_the_path_itself_is_the_playground_without_its_slash_too(proxy: Proxy) -> None:

@@ -258,18 +258,18 @@ def test_too_long_a_message_ends_its_session_and_nothing_else(small: httpx.Clien
         assert other.ask(START)["type"] == "started"
 
 
+def send_for_ever(session: Session) -> None:
+    while True:
+        session.send(REST)
+
+
 def test_who_does_not_read_is_dropped(tmp_path: Path) -> None:
     with serving(Settings(model_store=tmp_path, send_timeout_s=0.3)) as client:
         wait_until_ready(client)
         with opened(client) as session:
             session.ask(START | {"include": ["plan", "carry"]})
-
-            def measure_for_ever() -> None:
-                while True:
-                    session.send(REST)
-
             with pytest.raises(ConnectionClosed):
-                measure_for_ever()
+                send_for_ever(session)
         wait_until(lambda: value(client.get("/metrics").text, "breakaway_control_sessions") == 0)
 
 

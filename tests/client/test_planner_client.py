@@ -296,11 +296,13 @@ def test_an_answer_that_takes_too_long_is_not_asked_for_again(plan: Plan) -> Non
 @with_both_clients
 def test_a_service_that_comes_back_is_waited_for(model_store: Path, plan: Plan) -> None:
     port = free_port()
+    # Before: what FastAPI silences meanwhile, it silences in no other thread.
+    app = create_app(Settings(model_store=model_store))
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(plan, UNIFORM, f"http://127.0.0.1:{port}")
         time.sleep(0.2)
         assert not asked.done()
-        with running(create_app(Settings(model_store=model_store)), port):
+        with running(app, port):
             answer = asked.result()
     assert without_times(answer) == without_times(in_process(UNIFORM))
 

@@ -17,6 +17,7 @@ import pytest
 import trustme
 from fastapi import Request
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from app.launch import START_SECONDS, free_port
 from app.main import create_app
@@ -195,7 +196,7 @@ def test_sessions_and_single_steps_come_through(proxy: Proxy) -> None:
     step = {"state": [0.0, 0.0], "target_state": [0.2, 0.0]}
     assert proxy.client.post(f"{url}control", json=step).json()["control"] > 0
     origin = url.removesuffix("/planner/")
-    with connect(url.replace("http", "ws") + "control", origin=origin) as session:  # type: ignore[arg-type]  # a NewType of str
+    with connect(url.replace("http", "ws") + "control", origin=Origin(origin)) as session:
         session.send('{"type": "start", "target_state": [0.2, 0.0]}')
         assert '"started"' in str(session.recv())
         session.send('{"type": "measure", "position": 0.0, "velocity": 0.0}')

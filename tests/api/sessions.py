@@ -9,6 +9,7 @@ import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 from app.launch import START_SECONDS
 
@@ -52,7 +53,7 @@ def opened(
     with connect(
         socket_url(client),
         additional_headers=headers,
-        origin=origin,  # type: ignore[arg-type]  # a NewType of str
+        origin=None if origin is None else Origin(origin),
         compression=None,
         open_timeout=START_SECONDS,
     ) as connection:

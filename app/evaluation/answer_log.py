@@ -100,7 +100,7 @@ class AnswerLog:
             raise
 
     def __contains__(self, question: Question) -> bool:
-        """Whether there is nothing left to ask: it is answered, or no model covers it."""
+        """Whether there is nothing left to ask: it is answered, or there is no answer."""
         return question.key in self._answers or question.key in self._uncovered
 
     def answered(self, questions: Iterable[Question]) -> Iterator[tuple[Question, Answer]]:
@@ -140,7 +140,7 @@ class AnswerLog:
         self._answers[question.key] = Answer(kept["answer"], kept["latency_ms"])
 
     def leave_out(self, question: Question) -> None:
-        """Keep that no model of the service covers a question."""
+        """Keep that there is no answer: no model covers a plant, or nothing follows from a log."""
         self._write(question.body | {"uncovered": True})
         self._uncovered.add(question.key)
 

@@ -2,10 +2,11 @@
 
 import asyncio
 from collections.abc import Callable, Iterable
+from http import HTTPStatus
 from time import perf_counter
 from typing import TypeAlias
 
-from app.client.planner_client import AsyncPlannerClient
+from app.client.planner_client import AsyncPlannerClient, RequestRefused
 from app.evaluation.answer_log import AnswerLog, EvaluationError
 from app.evaluation.question import Question
 from app.wire.answers import MultistepPlanResponse, PlanResponse
@@ -33,7 +34,7 @@ async def ask_all(
         answered: told of each question once its answer is kept.
 
     Raises:
-        RequestRefused: the service says no.
+        RequestRefused: the service says no, and not because nothing follows from a log.
         EvaluationError: it answers with another model than it listed.
         httpx.TransportError: it cannot be reached.
     """
@@ -42,7 +43,14 @@ async def ask_all(
     async def work() -> None:
         for question in waiting:
             started = perf_counter()
-            answer = await ask(client, question)
+            try:
+                answer = await ask(client, question)
+            except RequestRefused as refusal:
+                if not _tells_nothing(question, refusal):
+                    raise
+                log.leave_out(question)
+                answered(question)
+                continue
             latency_ms = (perf_counter() - started) * 1e3
             _check_model(answer, log)
             content = answer.model_dump(mode="json", exclude_none=True)
@@ -70,6 +78,12 @@ async def ask(client: AsyncPlannerClient, question: Question) -> AnyResponse:
     if isinstance(request, SimulateRequest):
         return await client.simulate(request)
     return await client.plan(request)
+
+
+def _tells_nothing(question: Question, refusal: RequestRefused) -> bool:
+    """Say whether it is a log from which nothing follows: that is an answer, too."""
+    is_unprocessable = refusal.problem.status == HTTPStatus.UNPROCESSABLE_ENTITY
+    return isinstance(question.request, IdentifyRequest) and is_unprocessable
 
 
 def _check_model(answer: AnyResponse, log: AnswerLog) -> None:

@@ -12,6 +12,7 @@ from app.client.planner_client import AsyncPlannerClient, RequestRefused
 from app.evaluation.answer_log import AnswerLog, EvaluationError
 from app.evaluation.ask import ask_all
 from app.evaluation.question import Question
+from app.wire.identification import IdentifyRequest
 from app.wire.requests import PlanRequest
 from tests.evaluation.fakes import answer_to, question, session
 
@@ -30,6 +31,8 @@ def ask_fake(
     """Ask a service whose answers `handle` makes, and keep them in `directory`."""
 
     async def carry(request: httpx.Request) -> httpx.Response:
+        if request.url.path == "/identify":
+            return httpx.Response(422, text="nothing follows")
         return await handle(PlanRequest.model_validate_json(request.content))
 
     async def ask() -> None:
@@ -99,6 +102,23 @@ def test_a_refusal_ends_it_and_keeps_the_answers_before_it(tmp_path: Path) -> No
         ask_fake(handle, tmp_path)
     assert asked == list(range(6))
     assert kept(tmp_path) == list(range(5))
+
+
+def test_that_nothing_follows_from_a_log_is_no_end(tmp_path: Path) -> None:
+    async def handle(request: PlanRequest) -> httpx.Response:
+        return good(request)
+
+    log = IdentifyRequest(time_step=0.1, controls=[0.0] * 50, positions=[0.0] * 51, seed=3)
+    untold = Question({}, log)
+    told: list[Question] = []
+    asked = [QUESTIONS[0], untold, QUESTIONS[1]]
+
+    ask_fake(handle, tmp_path, questions=asked, answered=told.append)
+
+    assert told == asked
+    assert kept(tmp_path, asked) == [0, 3, 1]
+    with AnswerLog(tmp_path) as answers:
+        assert answers.get(untold) is None
 
 
 @pytest.mark.parametrize(

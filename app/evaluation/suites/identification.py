@@ -70,6 +70,10 @@ class Identification(Suite):
                 log = record(recording, machine, self.seed, task)
                 yield Question({"entrant": entrant.label, "task": task, "run": 0}, log)
 
+    @property
+    def _num_logs(self) -> int:
+        return len(self.size.entrants) * self.size.tasks
+
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
         """Compare what was found with what is true, and carry out plans made with it."""
         label, task = question.labels["entrant"], int(question.labels["task"])
@@ -115,7 +119,9 @@ class Identification(Suite):
             "and dwells as `breakaway identify --excitation` writes them. *With velocities* adds "
             "those, with a noise of 1 cm/s; *pushed at random* pushes the mass with 0.1 m/s² in "
             "each step; *by direction* draws another Coulomb friction backward, which a bias can "
-            "stand for: there errors of the two are no errors of the motion."
+            "stand for: there errors of the two are no errors of the motion. Logs of machines that "
+            f"hardly move tell nothing and are refused: {self._num_logs - len(data)} of "
+            f"{self._num_logs}."
         )
         yield grid.of_cases(
             "Median absolute errors, the share of the 95 % intervals that hold the truth, and the "

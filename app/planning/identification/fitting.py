@@ -24,6 +24,7 @@ from app.planning.identification.parameters import (
 from app.planning.identification.posterior import Sample, draw_sample
 from app.planning.identification.prediction import Trace, trace
 from app.planning.identification.starts import Guess
+from app.planning.plant.system import Plant
 from app.planning.stop import Stop
 from app.planning.uncertainty.ensemble import Scenarios
 
@@ -131,6 +132,10 @@ class Fit:
             rng,
             generations=CHAIN_GENERATIONS * found.best.size,
         )
+
+    def plant(self, x: FloatArray) -> Plant:
+        """Return the plant of one point (d,)."""
+        return Plant(*self.space.plants(x[np.newaxis])[0][0].tolist())
 
     def trace(self, x: FloatArray) -> Trace:
         """Return what the filter makes of the log on one plant, (d,), step by step."""

@@ -83,6 +83,12 @@ class Windows:
         return cls(starts, positions, positions - measured, measured[:, -1] - measured[:, 0])
 
     @property
+    def r2(self) -> float:
+        """Share of the variance of what the machine moves in a window that is predicted."""
+        moved = max(float(np.mean(self.moved**2)), 1e-300)
+        return 1.0 - float(np.mean(self.errors[:, -1] ** 2)) / moved
+
+    @property
     def steps(self) -> int:
         """H."""
         return len(self.positions[0]) - 1

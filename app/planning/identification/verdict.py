@@ -23,6 +23,8 @@ TOUCHING = 0.1
 LEAST_R2 = 0.3
 """Where less of the motion is explained, the plant is not of this kind."""
 GOOD_R2 = 0.9
+LOST_IN_NOISE = 4.0
+"""Standard deviations of measured positions: less is hardly a motion between two of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,12 @@ def judge(
             "least that anything follows from",
         )
     quality = _quality(fit, log, middle, trace, motion, sample)
+    if quality.r2 < LEAST_R2 and quality.end_error_rms < LOST_IN_NOISE * quality.position_noise:
+        raise UnusableLog(
+            "positions",
+            f"the machine moves by little more in {quality.window_s:.2g} s than the "
+            f"{quality.position_noise:.2g} m by which positions are off: nothing follows from that",
+        )
     if quality.r2 < LEAST_R2:
         raise UnusableLog(
             "controls",
@@ -129,14 +137,13 @@ def _middle(fit: Fit, likeliest: Found, sample: Sample) -> FloatArray:
 def _quality(
     fit: Fit, log: Log, x: FloatArray, trace: Trace, motion: Motion, sample: Sample
 ) -> Quality:
-    plants, noises, _ = fit.space.plants(x[np.newaxis])
-    windows = Windows.of(Plant(*plants[0].tolist()), log, trace)
-    errors, moved = windows.errors[:, -1], windows.moved
+    _, noises, _ = fit.space.plants(x[np.newaxis])
+    windows = Windows.of(fit.plant(x), log, trace)
     measured = trace.squared_errors > 0.0
     return Quality(
         window_s=windows.steps * log.time_step,
-        end_error_rms=float(np.sqrt(np.mean(errors**2))),
-        r2=1.0 - float(np.mean(errors**2)) / max(float(np.mean(moved**2)), 1e-300),
+        end_error_rms=float(np.sqrt(np.mean(windows.errors[:, -1] ** 2))),
+        r2=windows.r2,
         residual=float(np.sqrt(np.mean(trace.squared_errors[measured]))) if measured.any() else 0.0,
         acceleration_noise=float(noises[0, 0]),
         position_noise=float(noises[0, 1]),

@@ -21,12 +21,11 @@ from app.wire.model import ARRAY, Asked, WireModel
 from app.wire.requests import (
     MAX_PENDING_CONTROLS,
     MAX_SEED,
-    MachineName,
     MethodField,
     Number,
     RefineField,
     State,
-    machine_by_name,
+    SystemField,
 )
 
 MAX_STEPS_LEFT = 1_000_000
@@ -52,10 +51,6 @@ ControllerField = Annotated[
 ]
 BY_ITS_NAME: dict[str, Any] = {"default": RecedingHorizon().name}
 """Generators of clients know no default that is an object."""
-SystemOrName = Annotated[
-    System | None,
-    BeforeValidator(machine_by_name, json_schema_input_type=MachineName | System | None),
-]
 
 
 def _at_rest(state: tuple[float, float]) -> tuple[float, float]:
@@ -103,7 +98,7 @@ class ControlRequest(Asked):
         None, description="Position (m) in place of a state, where velocities are not measured."
     )
     target_state: RestingState = Field(examples=[[0.2, 0.0]])
-    system: SystemOrName = Field(
+    system: SystemField = Field(
         None,
         description="What is believed of the plant: its parameters, or the name of a machine.",
     )

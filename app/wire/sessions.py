@@ -16,11 +16,10 @@ from app.wire.control import (
     Status,
     StepsLeft,
     StepTiming,
-    SystemOrName,
 )
 from app.wire.model import ARRAY, Asked, WireModel
 from app.wire.problems import FieldError
-from app.wire.requests import Number
+from app.wire.requests import Number, SystemField
 
 MAX_STEP_DEADLINE_MS = 60_000.0
 
@@ -32,7 +31,7 @@ class Start(Asked):
 
     type: Literal["start"] = "start"
     target_state: RestingState
-    system: SystemOrName = None
+    system: SystemField = None
     controller: ControllerField = Field(
         default_factory=RecedingHorizon, json_schema_extra=BY_ITS_NAME
     )

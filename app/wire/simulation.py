@@ -14,10 +14,9 @@ from app.wire.control import (
     RestingState,
     Status,
     StepsLeft,
-    SystemOrName,
 )
 from app.wire.model import ARRAY, Asked, WireModel
-from app.wire.requests import MAX_PENDING_CONTROLS, MAX_SEED, Number, State
+from app.wire.requests import MAX_PENDING_CONTROLS, MAX_SEED, Number, State, SystemField
 
 MAX_RUNS = 10_000
 MAX_PULSES = 64
@@ -44,7 +43,7 @@ class SimulateRequest(Asked):
     """Runs of a controller, or of a control sequence, on a true plant."""
 
     initial_state: State = Field(examples=[[0.0, 0.0]])
-    system: SystemOrName = Field(
+    system: SystemField = Field(
         None, description="The true plant: its parameters, or the name of a machine."
     )
     controls: Annotated[list[Number], ARRAY] | None = Field(
@@ -57,7 +56,7 @@ class SimulateRequest(Asked):
     target_state: RestingState | None = Field(
         None, description="Where a controller is to come to rest; by it runs are judged."
     )
-    nominal_system: SystemOrName = Field(
+    nominal_system: SystemField = Field(
         None,
         description="What the controller believes of the plant, `system` by default: of the same "
         "time step and control limits.",

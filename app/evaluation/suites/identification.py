@@ -59,7 +59,7 @@ class Identification(Suite):
 
     name = "identification"
     title = "Machines identified from logs"
-    FULL = Size(budgets=(), tasks=100, entrants=tuple(RECORDINGS))
+    FULL = Size(budgets=(), tasks=60, entrants=tuple(RECORDINGS))
     QUICK = Size(budgets=(), tasks=2, entrants=(STANDARD,))
 
     def questions(self) -> Iterator[Question]:

@@ -34,6 +34,11 @@ FIRST_EXCESSES = (0.1, 0.4)
 """Of static over Coulomb friction, that a start may have."""
 FIRST_NOISES = (0.05, 0.3)
 """Of the random acceleration over what controls do, that a start may have."""
+EXCESS_FACTORS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+"""Of static over Coulomb friction, that a search may have missed."""
+NOISE_FACTORS = (1.0, 0.2, 0.04)
+"""Of the random acceleration, likewise."""
+MOST_RIDGES = 4
 POPULATION = 4
 """For each unknown: fewer stop in valleys that are not the deepest."""
 GENERATIONS = 200
@@ -118,6 +123,35 @@ class Fit:
             population=POPULATION * start.size,
             spread=start.size,
         )
+
+    def settle(self, found: Found, share: float, rng: np.random.Generator) -> Found:
+        """Go on from where a search ended, as long as the likelihood is greater across a ridge.
+
+        Much random acceleration explains late break-aways by chance, where another static friction
+        and none explain them outright; a search does not pass from the one to the other.
+        """
+        for _ in range(MOST_RIDGES):
+            points = self._across_ridges(found.best)
+            values = self.value(points)
+            best = int(np.argmax(values))
+            if values[best] <= found.value:
+                break
+            found = self.climb(points[best], self.around(share), rng)
+        return found
+
+    def _across_ridges(self, x: FloatArray) -> FloatArray:
+        """Return points (N, d) that differ from x (d,) in static friction and in what is random."""
+        points = []
+        for excess in EXCESS_FACTORS:
+            for noise in NOISE_FACTORS:
+                point = x.copy()
+                for k, name in enumerate(self.space.names):
+                    if name.startswith(STATIC):
+                        point[k] *= excess
+                    elif name == NOISES[0]:
+                        point[k] += np.log(noise)
+                points.append(point)
+        return np.array(points)
 
     def around(self, share: float) -> FloatArray:
         """Return the covariance (d, d) of where a search begins, in shares of the widths."""

@@ -90,7 +90,7 @@ def identify(
     delay, begun, rival = _delay(log, question, stride, rng, stop)
     acting = log.delayed(delay)
     fit = Fit.of(_space(acting, question.known), acting, stride, stop)
-    likeliest = fit.climb(begun.best, begun.covariance, rng)
+    likeliest = fit.settle(fit.climb(begun.best, begun.covariance, rng), NEARBY, rng)
     if question.by_direction is not False:
         is_asked_for = question.by_direction is True
         fit, likeliest = _by_direction(fit, likeliest, rng, is_asked_for=is_asked_for)

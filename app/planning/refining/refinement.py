@@ -49,7 +49,7 @@ class Refinement(Options):
         (`Refined.rollouts`, where a rollout of a part of the horizon counts as one).
         """
         num_refined = min(self.num_refined or num_candidates, num_candidates)
-        rollouts = num_candidates + self.iterations * num_refined
+        rollouts = num_candidates + 2 * self.iterations * num_refined  # with kicks out of rest
         if self.repair:
             rollouts += self.iterations
         if objective.sum_of_squares:

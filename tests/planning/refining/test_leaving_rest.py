@@ -47,7 +47,7 @@ def test_a_mass_that_leaves_too_late_leaves_sooner(direction: float, late: int) 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_mass_that_stays_at_rest_is_kicked_towards_the_target(direction: float) -> None:
-    solution = direction * np.concatenate([np.full(3, 0.9), np.zeros(61)])
+    solution = direction * np.concatenate([np.full(2, 0.9), np.zeros(62)])
     problem = problem_to(solution)
 
     between, across = descents(problem, np.zeros(64))

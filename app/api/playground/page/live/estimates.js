@@ -17,7 +17,7 @@ const PARAMETERS = [
     band: ({ system, coulomb_std: std }) => spread(forwardOf(system.coulomb_friction), std * forwardOf(system.coulomb_friction)),
   },
   {
-    name: "control gain", unit: (force, control) => (control === force ? "1" : `${force} a ${control}`), true: (plant) => plant.control_gain,
+    name: "control gain", unit: (force, control) => (control === force ? "" : `${force} a ${control}`), true: (plant) => plant.control_gain,
     band: ({ system, gain_std: std }) => spread(system.control_gain, std * system.control_gain),
   },
   {

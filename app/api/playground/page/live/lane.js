@@ -1,4 +1,4 @@
-// One controller with a machine of its own: measures, asks, and does what it is told until it is told more.
+// One controller with a machine of its own: it measures, asks, and does what it is told.
 
 import { Machine } from "./machine.js";
 import { Session } from "../session.js";
@@ -7,12 +7,9 @@ export class Lane {
   constructor(title) {
     this.title = title;
     this.machine = new Machine();
-    this.begin();
-  }
-
-  /** Count anew. */
-  begin() {
-    Object.assign(this, { steps: 0, dropped: 0, late: 0, energy: 0, roundTripMs: null, answer: null });
+    this.energy = 0;
+    this.roundTripMs = null;
+    this.answer = null;
   }
 
   /** Open a session, which goes on where the one before left off if it believed the same. */
@@ -31,18 +28,14 @@ export class Lane {
     this.session = await Session.open(start, signal);
   }
 
-  /** Let the machine go on for a step under what it was told; count it where that came too late. */
-  advance(plant, push, missed) {
-    const dropped = missed + (this.isWaiting ? 1 : 0);
-    for (let k = 0; k <= missed; k += 1) this.machine.advance(plant, push);
-    this.energy += (missed + 1) * this.machine.acting ** 2;
-    this.steps += missed + 1;
-    this.dropped += dropped;
+  /** Let the machine go on for a step under what it was told. */
+  advance(plant, push) {
+    this.machine.advance(plant, push);
+    this.energy += this.machine.acting ** 2;
   }
 
   /** Tell the session what is measured, and where to go if that has changed. Rejects as the session does. */
   async measure(goal, noise, draws) {
-    if (this.isWaiting) return;
     this.isWaiting = true;
     if (goal !== this.goal) {
       await this.session.ask({ type: "target", target_state: [goal, 0] });
@@ -52,7 +45,6 @@ export class Lane {
     const answer = await this.session.ask({ type: "measure", ...this.machine.measure(noise, draws) });
     this.roundTripMs = performance.now() - begun;
     this.machine.control = answer.control;
-    this.late += answer.late;
     this.carry = answer.carry;
     this.answer = answer;
     this.isWaiting = false;

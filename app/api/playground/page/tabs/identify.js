@@ -63,7 +63,7 @@ function columnsPart() {
       name: `log.${role}.unit`, label: h("span", {}, "Unit", h("span", { class: "unseen" }, ` of ${role}`)), pointer: "",
       choices: [["", "as headed"], ...Object.keys(UNITS[role]).map((unit) => [unit, unit])],
     }) : null)),
-    numberField({ name: "time_step", label: "Time step, s", pointer: "/time_step/typed", hint: "where no column has times" }));
+    numberField({ name: "time_step", label: "Time step, s", pointer: "", hint: "where no column has times" }));
 }
 
 function knownPart() {

@@ -59,13 +59,14 @@ export function open(view) {
   const results = reserve(lanes.length);
   const tracks = new Tracks(["", RIVAL], unit, (position) => set({ goal: position }));
   const halt = h("button", { type: "button", class: "play", onclick: () => set({ halt: get("halt") ? null : "yes" }) });
+  const counts = h("span", { class: "counts", title: "Late: the answer came after the next step was due, and both machines waited." });
   const position = new Chart({ label: "Position", height: "low", x: { label: "time, s" }, y: { label: unit }, lines });
   const control = new Chart({ label: "Control", height: "low", x: { label: "time, s" }, y: { label: controlUnit }, lines: lines.map((line) => ({ ...line, stepped: true })) });
   const estimates = new Estimates(force, controlUnit);
   view.replaceChildren(
     h("p", { class: "verdict" }, "Two machines unlike the model, each under its own controller. Pull a mass, or hold a button: both get the same push, and no controller is told. Change the machine while it runs: what the controller believes of it follows."),
     h("div", { class: "trackbox" }, tracks.picture, h("div", { class: "pushes" }, halt, tracks.buttons(),
-      h("button", { type: "button", onclick: () => set({ goal: -Number(get("goal")) }) }, "To the other side"))),
+      h("button", { type: "button", onclick: () => set({ goal: -Number(get("goal")) }) }, "To the other side"), counts)),
     results,
     h("div", { class: "split even" }, position.element, control.element), legend(lanes),
     h("h2", {}, "What the controller has learned of its machine"),
@@ -75,7 +76,8 @@ export function open(view) {
   let span = null;
   let stepped = 0;
   let shared = "";
-  let count = 0;
+  let steps = 0;
+  let late = 0;
 
   return async (signal) => {
     const model = system();
@@ -113,25 +115,30 @@ export function open(view) {
     return everyPeriod(period, until, (missed) => step(missed, (error) => failure.abort(error)));
   }
 
-  /** One step of both machines, and what their sensors say to the sessions. */
+  /** One step of both machines, and what their sensors say; both wait for an answer that is late. */
   function step(missed, fail) {
+    late += missed;
+    if (lanes.some((lane) => lane.isWaiting)) {
+      late += 1;
+      return;
+    }
     const plant = truth();
     const [, high] = limits(plant);
     const push = tracks.push * high * plant.control_gain;
     const draws = normal();
     stepped = performance.now();
+    steps += 1;
     for (const lane of lanes) {
-      lane.advance(plant, push, missed);
+      lane.advance(plant, push);
       lane.measure(number("goal"), noise(), draws).catch(fail);
     }
     history.push({
-      time: lanes[0].steps * plant.time_step, push,
+      time: steps * plant.time_step, push,
       positions: lanes.map((lane) => lane.machine.state[0]), controls: lanes.map((lane) => lane.machine.acting),
       learned: Estimates.of(plant, lanes[0].answer?.estimate),
     });
     history = history.slice(-Math.ceil(SECONDS_SHOWN / plant.time_step) - 1);
-    count += 1;
-    if (count % EVERY_DRAWING === 0) draw();
+    if (steps % EVERY_DRAWING === 0) draw();
   }
 
   /** Show the masses between the last two steps, as time goes by. */
@@ -162,9 +169,10 @@ export function open(view) {
     const plant = truth();
     place();
     move(1);
-    results.replaceChildren(table("How they do", ["Controller", "State", "Error", "Energy", "There and back", "Late", "Dropped"], lanes.map((lane, index) => [
+    counts.textContent = `${steps} steps, ${late} late`;
+    results.replaceChildren(table("How they do", ["Controller", "State", "Error", "Energy", "There and back"], lanes.map((lane, index) => [
       swatch(index + 1, lane.title), STATES[lane.answer?.status] ?? "–", distance(Math.abs(lane.machine.state[0] - number("goal")), unit),
-      short(lane.energy), lane.roundTripMs === null ? "–" : `${lane.roundTripMs.toFixed(1)} ms`, String(lane.late), `${lane.dropped} of ${lane.steps} steps`,
+      short(lane.energy), lane.roundTripMs === null ? "–" : `${lane.roundTripMs.toFixed(1)} ms`,
     ])));
     share(plant);
     if (!history.length) return;
@@ -174,7 +182,7 @@ export function open(view) {
     const column = (key, index) => history.map((each) => each[key][index]);
     position.show({
       x, y: around(...extent([goal, ...history.flatMap(({ positions }) => positions)]), 0.1),
-      data: [times, column("positions", 0), column("positions", 1)], under: [pushes(history), rule(goal, "target")],
+      data: [times, column("positions", 0), column("positions", 1)], under: [pushes(history, plant.time_step), rule(goal, "target")],
     });
     const { forward, backward } = thresholds(plant);
     const [low, high] = limits(plant);
@@ -216,10 +224,11 @@ function hiding() {
 }
 
 /** Where masses were pushed. */
-const pushes = (history) => (ctx, u) => {
+const pushes = (history, step) => (ctx, u) => {
+  const width = u.valToPos(step, "x", true) - u.valToPos(0, "x", true);
   ctx.fillStyle = colour("pushed");
   for (const { time, push } of history) {
-    if (push) ctx.fillRect(u.valToPos(time, "x", true) - 2, u.bbox.top, 5, u.bbox.height);
+    if (push) ctx.fillRect(u.valToPos(time, "x", true) - width, u.bbox.top, width, u.bbox.height);
   }
 };
 

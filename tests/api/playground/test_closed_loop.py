@@ -1,14 +1,16 @@
-"""The live loop: the machine in the page, what is done to it by hand, and what it does to sessions."""
+"""The live loop: the machine in the page, what hands do to it, and what becomes of sessions."""
 
 import io
 import json
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import Browser, Locator, expect
+from pydantic import TypeAdapter
 
 from app.planning.plant.machines import MACHINES
 from app.planning.plant.rollout import rollout
@@ -57,14 +59,12 @@ def test_the_machine_in_the_page_moves_as_those_of_the_service(
 
 
 def system_fields(system: System) -> dict[str, Any]:
-    from pydantic import TypeAdapter
-
     fields: dict[str, Any] = TypeAdapter(System).dump_python(system, mode="json")
     return fields
 
 
 @pytest.fixture(scope="module")
-def page(service: httpx.Client, browser: Any) -> Any:
+def page(service: httpx.Client, browser: Browser) -> Iterator[Visit]:
     """A page whose modules are at hand."""
     shown = Visit(browser, str(service.base_url).rstrip("/"), "tab=identify")
     shown.says("There is no log yet")
@@ -163,9 +163,9 @@ def test_what_cannot_be_is_said_beside_its_field(visit: Open) -> None:
         "Input should be less than or equal to 1000000"
     )
     shown.fill("Go to", "0.1")
-    shown.fill("Delay, steps", "-1")
     shown.says("Runs at")
     shown.fill("Static friction", "5")
+    shown.page.get_by_role("button", name="To the other side").click()
     expect(first(shown)).to_contain_text("cannot get there")
     shown.is_quiet()
 

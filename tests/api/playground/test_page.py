@@ -34,6 +34,8 @@ DRAWN = """() => [...document.querySelectorAll("canvas")].map((canvas) => {
     return new Set(new Uint32Array(data.buffer)).size;
 })"""
 """How many colours each chart has: axes alone have few, lines and areas many more."""
+
+
 def shut_out(shown: Visit, options: dict[str, list[str]]) -> list[str]:
     """Return the rules of axe that are broken so that somebody cannot use the page."""
     found = Axe().run(shown.page, options=options).response["violations"]

@@ -1,12 +1,12 @@
 """A log is read by the page as by the command, identified by the service, and planned with."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Browser, expect
 
 from app.cli import log_file
 from app.failure import Failure
@@ -42,6 +42,7 @@ def text_of(heading: str, *columns: list[float], divider: str = ",") -> str:
 
 MM = [1e3 * position for position in POSITIONS[: len(CONTROLS)]]
 T = TIMES[: len(CONTROLS)]
+PAIRS = [time + 0.045 * (k % 2) for k, time in enumerate(T)]
 GOOD = text_of("time_s,control,position_mm", T, CONTROLS, MM)
 JITTERED = [time + 0.004 * (k % 3) for k, time in enumerate(T)]
 LOGS = {
@@ -58,13 +59,13 @@ LOGS = {
     "backwards": text_of("time,u,p", T[::-1], CONTROLS, MM),
     "two logs": text_of("time,u,p", T[:40] + T[:-40], CONTROLS, MM),
     "a gap": text_of("time,u,p", T[:40] + [9 + t for t in T[40:]], CONTROLS, MM),
-    "samples missing": text_of("time,u,p", [t + 0.045 * (k % 2) for k, t in enumerate(T)], CONTROLS, MM),
+    "samples missing": text_of("time,u,p", PAIRS, CONTROLS, MM),
     "no times": text_of("u,p", CONTROLS, MM),
 }
 
 
 @pytest.fixture(scope="module")
-def page(service: httpx.Client, browser: Any) -> Any:
+def page(service: httpx.Client, browser: Browser) -> Iterator[Visit]:
     """A page whose modules are at hand."""
     shown = Visit(browser, str(service.base_url).rstrip("/"), LOG)
     shown.says("There is no log yet")

@@ -42,6 +42,7 @@ function showTab() {
     const isCurrent = button.id === `tab-${tab.name}`;
     button.setAttribute("aria-selected", isCurrent);
     button.tabIndex = isCurrent ? 0 : -1;
+    if (isCurrent) button.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
   panel.setAttribute("aria-labelledby", `tab-${tab.name}`);
   document.title = `${tab.title} – Breakaway playground`;

@@ -33,6 +33,8 @@ async function takeFile(file) {
   if (file) take({ name: file.name, text: await file.text() });
 }
 
+const trySample = (text = "Try a sample") => h("button", { type: "button", onclick: () => take({ name: NAME }) }, text);
+
 function logPart() {
   const input = h("input", { id: "log-file", type: "file", accept: ".csv,.tsv,.txt,text/csv", "aria-describedby": "log-error log-hint", onchange: () => takeFile(input.files[0]) });
   const drop = h("div", {
@@ -44,7 +46,7 @@ function logPart() {
     h("label", { for: "log-file" }, "CSV file, or drop one here"), input,
     h("span", { class: "hint", id: "log-hint" }, get("log") ? `now: ${get("log")}` : "times, controls and positions of the machine in motion; it is sent to this service alone"),
     h("span", { class: "error", id: "log-error", role: "alert" }));
-  return section("Log", drop, h("button", { type: "button", onclick: () => take({ name: NAME }) }, "Try a sample"));
+  return section("Log", drop, trySample());
 }
 
 function columnsPart() {
@@ -74,13 +76,12 @@ function knownPart() {
 }
 
 export function open(view) {
-  const findings = new Findings();
   const invitation = h("div", { class: "invitation" },
     h("p", { class: "verdict" }, "Record your machine's control and position while it moves, at even times: from rest slowly up to where it breaks away, then at several speeds, both ways. From that follows its friction, its gain, how sure they are, and what to record next."),
-    h("p", {}, "Drop the file on the form, choose it there, or try a sample first."));
+    h("p", {}, "Drop the file here, choose it in the form, or see what comes of a sample: ", trySample("See a sample")));
   view.replaceChildren(invitation);
-  view.ondragover = (event) => event.preventDefault();
-  view.ondrop = (event) => { event.preventDefault(); if (get("tab") === name) takeFile(event.dataTransfer.files[0]); };
+  invitation.ondragover = (event) => event.preventDefault();
+  invitation.ondrop = (event) => { event.preventDefault(); takeFile(event.dataTransfer.files[0]); };
 
   return async (signal) => {
     if (!get("log")) {
@@ -104,13 +105,15 @@ export function open(view) {
     if (get("log_delay") !== "") options.delay_steps = number("log_delay");
     const body = { ...fields, ...options };
     const answer = await ask("identify", body, signal);
-    findings.show({ fields, notes, found, answer });
+    const unit = ["rad", "deg", "rev"].includes(found.position.unit) ? "rad" : "m";
+    const findings = new Findings(unit, found.control.unit || "unit");
+    findings.show({ fields, notes, answer });
     view.replaceChildren(findings.element);
     offerShare([{ path: "identify", body: { ...body, include: [] } }], [
       { label: "Plant as JSON", name: "system.json", type: "application/json", text: () => JSON.stringify({ system: answer.system }, null, 1) },
       { label: "Log as CSV", name: log.name, type: "text/csv", text: () => log.text },
     ]);
     const { fit } = answer;
-    return `Identified from ${fields.controls.length} samples in ${short(answer.timing_ms.total / 1e3, 2)} s; predicts ${short(fit.window_s, 2)} s ahead to ${distance(fit.end_error_rms, findings.unit)}.`;
+    return `Identified from ${fields.controls.length} samples in ${short(answer.timing_ms.total / 1e3, 2)} s; predicts ${short(fit.window_s, 2)} s ahead to ${distance(fit.end_error_rms, unit)}.`;
   };
 }

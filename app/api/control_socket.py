@@ -13,6 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.api.errors import field_problem, problem_of, refusal_of, rejected_of
 from app.api.metrics import Metrics
+from app.api.session_handshake import failure, protocol_of, refuse
 from app.serving.control_session import EndReason, Fields, Session
 from app.serving.json_parts import json_parts
 from app.serving.refusals import InvalidField, NotReady, OutOfOrder, Refused
@@ -37,11 +38,11 @@ async def control_session(websocket: WebSocket) -> None:
     try:
         sessions = runtime.sessions
         with sessions.opened(waiting.wake) as session:
-            await websocket.accept()
+            await websocket.accept(protocol_of(websocket))
             await _converse(websocket, session, waiting)
     except (NotReady, Refused) as error:
         websocket.state.log_fields["rejected"] = rejected_of(error)
-        await websocket.send_denial_response(refusal_of(error, websocket))
+        await refuse(websocket, refusal_of(error, websocket))
 
 
 route = WebSocketRoute(PATH, control_session, name="control_session")
@@ -136,6 +137,4 @@ def _count(metrics: Metrics, session: Session, answer: Fields) -> None:
 
 
 def _failed(problem: ProblemDetails) -> Fields:
-    """Return a problem as a message, whose `type` says what kind of message it is."""
-    fields = problem.model_dump(exclude_none=True)
-    return fields | {"type": "error", "problem": problem.type}
+    return failure(problem.model_dump(exclude_none=True))

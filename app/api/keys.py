@@ -5,13 +5,15 @@ import re
 from collections.abc import Collection
 from hashlib import sha256
 
-from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
+from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from app.api.errors import problem_response
 from app.api.middleware import HttpMiddleware
 from app.api.paths import route_path
+from app.api.session_handshake import key_of, refuse
 from app.settings import Settings
 
 KEY = re.compile(r"[!-~]{16,}")
@@ -56,26 +58,38 @@ class ApiKeys(HttpMiddleware):
         self.public_paths = public_paths
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        authorization = Headers(scope=scope).get("authorization", "")
-        if is_public(route_path(scope), self.public_paths) or self._is_known(authorization):
+        connection = HTTPConnection(scope)
+        if self._is_open_to(connection, _bearer_of(connection)):
             await self.app(scope, receive, send)
-            return
-        refusal = problem_response(
-            HTTPConnection(scope),
-            401,
-            "send a valid key as Authorization: Bearer <key>",
-            headers={"WWW-Authenticate": "Bearer"},
-        )
-        await refusal(scope, receive, send)
+        else:
+            await _refusal(connection)(scope, receive, send)
 
     async def handle_session(self, scope: Scope, receive: Receive, send: Send) -> None:
-        await self.handle(scope, receive, send)
+        websocket = WebSocket(scope, receive, send)
+        if self._is_open_to(websocket, _bearer_of(websocket) or key_of(websocket)):
+            await self.app(scope, receive, send)
+        else:
+            await refuse(websocket, _refusal(websocket))
 
-    def _is_known(self, authorization: str) -> bool:
-        scheme, _, key = authorization.partition(" ")
-        digest = _digest(key.strip())
+    def _is_open_to(self, connection: HTTPConnection, key: str) -> bool:
+        digest = _digest(key)
         matches = [hmac.compare_digest(digest, known) for known in self.digests]  # no early exit
-        return scheme.lower() == "bearer" and any(matches)
+        return any(matches) or is_public(route_path(connection.scope), self.public_paths)
+
+
+def _bearer_of(connection: HTTPConnection) -> str:
+    """Return the key of `Authorization: Bearer <key>`; "" if there is none."""
+    scheme, _, key = connection.headers.get("authorization", "").partition(" ")
+    return key.strip() if scheme.lower() == "bearer" else ""
+
+
+def _refusal(connection: HTTPConnection) -> Response:
+    return problem_response(
+        connection,
+        401,
+        "send a valid key as Authorization: Bearer <key>",
+        headers={"WWW-Authenticate": "Bearer"},
+    )
 
 
 def _keys(source: str, texts: list[str]) -> list[str]:

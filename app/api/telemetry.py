@@ -86,7 +86,8 @@ class Telemetry(HttpMiddleware):
             nonlocal status
             match message["type"]:
                 case "websocket.accept":
-                    status = SWITCHING_PROTOCOLS
+                    # Who is refused in a session's own way was refused all the same.
+                    status = fields.pop("refused", SWITCHING_PROTOCOLS)
                     _identify(message)
                 case "websocket.http.response.start":
                     status = message["status"]

@@ -9,10 +9,12 @@ import numpy as np
 
 from app.planning.identification.identify import EVALUATIONS, Question, identify
 from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.verdict import Identification
 from app.serving.admission import Work
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
+from app.serving.service import BYTES_PER_NUMBER
 from app.settings import Settings
 from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.requests import MAX_SEED
@@ -74,10 +76,13 @@ class IdentificationService:
             rows_per_step=0,
             rollout_steps=rollout_steps,
             kind=KIND,
-            answer_bytes=BYTES + BYTES_PER_SYSTEM * request.num_systems,
+            answer_bytes=BYTES
+            + BYTES_PER_SYSTEM * request.num_systems
+            + BYTES_PER_NUMBER * log.num_steps * len(request.include),
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
-        return ResolvedIdentification(request.question, log, seed, work)
+        predicts = "predictions" in request.include
+        return ResolvedIdentification(request.question, log, seed, predicts, work)
 
     def answer(self, resolved: "ResolvedIdentification", waited_ms: float = 0.0) -> dict[str, Any]:
         """Identify, and say what came of it.
@@ -112,6 +117,7 @@ class IdentificationService:
             "fit": asdict(found.quality),
             "warnings": list(found.warnings),
             "advice": list(found.advice),
+            "predictions": _predictions(found) if resolved.predicts else None,
             "timing_ms": {stage: round(ms, 3) for stage, ms in timing.items()},
         }
 
@@ -127,9 +133,19 @@ class ResolvedIdentification:
     question: Question
     log: Log
     seed: int
+    predicts: bool
+    """Whether the answer holds predictions."""
     work: Work
 
     @property
     def log_fields(self) -> dict[str, Any]:
         """What the service's log tells of it."""
         return {"num_steps": self.log.num_steps, "seed": self.seed}
+
+
+def _predictions(found: Identification) -> dict[str, Any]:
+    windows = found.windows
+    return {
+        "first_samples": (windows.starts + found.delay_steps).tolist(),
+        "positions": windows.positions,
+    }

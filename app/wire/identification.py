@@ -121,6 +121,9 @@ class IdentifyRequest(Asked):
     deadline_ms: Annotated[int, Field(ge=1)] | None = Field(
         None, description="As for plans: milliseconds in which the answer is of use."
     )
+    include: Annotated[list[Literal["predictions"]], ARRAY] = Field(
+        [], description="What the answer holds beside the plant.", max_length=1
+    )
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -184,6 +187,13 @@ class FitReport(WireModel):
     moving_steps: int = Field(description="Steps in which the machine moved.")
 
 
+class Predictions(WireModel):
+    """Stretches of the log, one after the other, as the plant predicts each from its start."""
+
+    first_samples: list[int] = Field(description="Where each begins, an index of the positions.")
+    positions: list[list[float]] = Field(description="m, a row a stretch; `fit` tells of its end.")
+
+
 class IdentificationTiming(WireModel):
     """Wall-clock milliseconds in the server."""
 
@@ -205,4 +215,5 @@ class IdentifyResponse(WireModel):
     fit: FitReport
     warnings: list[str]
     advice: list[str] = Field(description="What to record next.")
+    predictions: Predictions | None = None
     timing_ms: IdentificationTiming

@@ -1,7 +1,7 @@
 """A control session as a test speaks it: any text out, JSON back."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -9,7 +9,7 @@ import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
-from websockets.typing import Origin
+from websockets.typing import Origin, Subprotocol
 
 from app.launch import START_SECONDS
 
@@ -47,13 +47,17 @@ def socket_url(client: httpx.Client) -> str:
 
 @contextmanager
 def opened(
-    client: httpx.Client, headers: dict[str, str] | None = None, origin: str | None = None
+    client: httpx.Client,
+    headers: dict[str, str] | None = None,
+    origin: str | None = None,
+    protocols: Sequence[str] | None = None,
 ) -> Iterator[Session]:
-    """Open a session of the service that `client` is of."""
+    """Open a session of the service that `client` is of; a browser sends no headers."""
     with connect(
         socket_url(client),
         additional_headers=headers,
         origin=None if origin is None else Origin(origin),
+        subprotocols=protocols and [Subprotocol(name) for name in protocols],
         compression=None,
         open_timeout=START_SECONDS,
     ) as connection:

@@ -3,6 +3,7 @@
 import json
 import logging
 import socket
+from base64 import urlsafe_b64encode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,56 @@ def test_a_session_needs_a_key(small: httpx.Client) -> None:
         assert told["WWW-Authenticate"] == "Bearer"
 
 
+def as_protocols(key: str) -> list[str]:
+    """Return what a web page asks for, which can send no header."""
+    text = urlsafe_b64encode(key.encode()).decode().rstrip("=")
+    return ["breakaway.control", f"breakaway.key.{text}"]
+
+
+@pytest.mark.parametrize("key", [KEY, 'key~"(with)?<all>/{kinds}'])
+def test_a_page_sends_its_key_as_the_name_of_a_protocol(tmp_path: Path, key: str) -> None:
+    settings = Settings(model_store=tmp_path, api_keys=key, public_paths=("/readyz",))
+    with serving(settings) as client:
+        wait_until_ready(client)
+        with opened(client, protocols=as_protocols(key)) as session:
+            assert session.connection.subprotocol == "breakaway.control"
+            assert session.ask(START)["type"] == "started"
+        over_http = {"Sec-WebSocket-Protocol": ", ".join(as_protocols(key))}
+        assert client.get("/info", headers=over_http).status_code == 401
+
+
+@pytest.mark.parametrize(
+    "protocols",
+    [
+        ["breakaway.control"],
+        as_protocols("another-key-0123456789"),
+        ["breakaway.control", "breakaway.key."],
+        ["breakaway.control", "breakaway.key.x"],
+        ["breakaway.control", "breakaway.key.w6nDqcOp"],
+        ["breakaway.control", f"breakaway.key.{KEY}"],
+    ],
+)
+def test_a_page_is_told_that_its_key_is_wrong(small: httpx.Client, protocols: list[str]) -> None:
+    def counted() -> float:
+        labels = {"http_method": "WEBSOCKET", "status": "401"}
+        return value(small.get("/metrics").text, "breakaway_requests_total", **labels)
+
+    before = counted()
+    with opened(small, protocols=protocols) as session:
+        told = session.receive()
+        assert (told["type"], told["status"]) == ("error", 401)
+        assert told["detail"].startswith("send a valid key")
+        assert session.closed()[0] == 4401
+    wait_until(lambda: counted() == before + 1)
+
+
+def test_a_key_as_a_name_opens_nothing_without_the_protocol_of_sessions(
+    small: httpx.Client,
+) -> None:
+    with pytest.raises(InvalidStatus), opened(small, protocols=as_protocols("wrong")[1:]):
+        pass
+
+
 def test_only_pages_of_known_origins_may_open_one(small: httpx.Client) -> None:
     assert refused(small, headers=BEARER, origin="https://bad.example")[0] == 403
     own = str(small.base_url).rstrip("/")
@@ -227,6 +278,9 @@ def test_there_are_no_more_sessions_than_may_be(small: httpx.Client) -> None:
         status, problem, headers = refused(small, headers=BEARER)
         assert (status, problem["type"]) == (429, "urn:breakaway:problem:busy")
         assert int(headers["Retry-After"]) >= 1
+        with opened(small, protocols=as_protocols(KEY)) as refused_page:
+            assert refused_page.receive()["problem"] == "urn:breakaway:problem:busy"
+            assert refused_page.closed()[0] == 4429
         assert first.ask(START)["type"] == "started"
         text = small.get("/metrics").text
         assert value(text, "breakaway_control_sessions") == 2

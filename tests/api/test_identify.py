@@ -48,6 +48,21 @@ def test_an_answer_is_what_plans_take(client: httpx.Client) -> None:
     assert planned.json()["robustness"]["num_systems"] == 8
 
 
+@pytest.mark.parametrize("delay", [0, 3])
+def test_predictions_lie_beside_what_was_measured(client: httpx.Client, delay: int) -> None:
+    positions = np.array(EXAMPLE["positions"])
+    late = np.concatenate([np.full(delay, positions[0]), positions[: positions.size - delay]])
+    fields = {"positions": late.tolist(), "delay_steps": delay, "include": ["predictions"]}
+    answer = identify(client, **fields).json()
+    predictions = answer["predictions"]
+    starts, predicted = np.array(predictions["first_samples"]), np.array(predictions["positions"])
+    assert predicted.shape[1] == 1 + round(answer["fit"]["window_s"] / EXAMPLE["time_step"])
+    samples = starts[:, np.newaxis] + np.arange(predicted.shape[1])
+    errors = predicted - late[samples]
+    assert np.sqrt(np.mean(errors[:, -1] ** 2)) == pytest.approx(answer["fit"]["end_error_rms"])
+    assert np.abs(errors[:, 0]).max() < 1e-3
+
+
 def test_the_same_request_gets_the_same_answer(client: httpx.Client) -> None:
     answers = [identify(client).json() for _ in range(2)]
     for answer in answers:

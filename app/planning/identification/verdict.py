@@ -59,6 +59,8 @@ class Identification:
     systems: tuple[System, ...]
     """The ensemble: each as likely as another."""
     quality: Quality
+    windows: Windows
+    """Of the log without its first `delay_steps` samples, as they are predicted."""
     advice: tuple[str, ...]
     """What to record next."""
     warnings: tuple[str, ...] = ()
@@ -96,7 +98,8 @@ def judge(
             f"the machine moves in {motion.moving_steps} steps only; {motion.LEAST_STEPS} are the "
             "least that anything follows from",
         )
-    quality = _quality(fit, log, middle, trace, motion, sample)
+    windows = Windows.of(fit.plant(middle), log, trace)
+    quality = _quality(fit, log, middle, windows, trace, motion, sample)
     if quality.r2 < LEAST_R2 and quality.end_error_rms < LOST_IN_NOISE * quality.position_noise:
         raise UnusableLog(
             "positions",
@@ -122,6 +125,7 @@ def judge(
             for point in _ensemble(fit, middle, sample, wider, num_systems, rng)
         ),
         quality=quality,
+        windows=windows,
         advice=advise(parameters, motion),
         warnings=tuple(_warnings(quality, overall, motion)),
     )
@@ -135,10 +139,15 @@ def _middle(fit: Fit, likeliest: Found, sample: Sample) -> FloatArray:
 
 
 def _quality(
-    fit: Fit, log: Log, x: FloatArray, trace: Trace, motion: Motion, sample: Sample
+    fit: Fit,
+    log: Log,
+    x: FloatArray,
+    windows: Windows,
+    trace: Trace,
+    motion: Motion,
+    sample: Sample,
 ) -> Quality:
     _, noises, _ = fit.space.plants(x[np.newaxis])
-    windows = Windows.of(fit.plant(x), log, trace)
     measured = trace.squared_errors > 0.0
     return Quality(
         window_s=windows.steps * log.time_step,

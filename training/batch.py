@@ -8,6 +8,7 @@ import torch
 from app.inference.conditioning import Conditioning
 from app.planning.arrays import IntArray
 from app.planning.plant.coverage import Coverage
+from app.planning.plant.spread import Spread
 from training.tasks import Tasks
 
 
@@ -37,6 +38,8 @@ class Data(Protocol):
 
     conditioning: Conditioning
     coverage: Coverage
+    uncertainty: Spread
+    """By how much the plants of the tasks may be off at most."""
     description: str
     """What the model is trained on, in words."""
     validation: Batch

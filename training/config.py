@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from app.inference.manifest import ModelName, Prediction
+from app.inference.noise_levels import ModelKind
 from app.planning.methods.sampler import Samplers
 from app.planning.plant.system import System
 from app.planning.prior import ControlPrior
@@ -70,13 +71,22 @@ class MLPConfig(Section):
 
 
 class DiffusionConfig(Section):
-    """T of the cosine schedule, and the probability that a condition is dropped."""
+    """What the model is, T of its schedule, and the probability that a condition is dropped."""
 
-    num_timesteps: Annotated[int, Field(ge=2, le=10_000)]
+    kind: ModelKind
+    """A diffusion has the cosine schedule, a flow straight paths; a regression sees no noise, and
+    has one time."""
+    num_timesteps: Annotated[int, Field(ge=1, le=10_000)]
     drop_probability: Probability
     predicts: Prediction
     """What the network is trained to predict: the noise (the paper), the clean controls, or the
     velocity between them."""
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> "DiffusionConfig":
+        if self.kind == "regression" and (self.num_timesteps, self.predicts) != (1, "clean"):
+            raise ValueError("a regression predicts the clean controls, at one time")
+        return self
 
 
 class OptimisationConfig(Section):
@@ -107,6 +117,9 @@ class TrainingConfig(Section):
 
     name: ModelName
     version: PositiveInt
+    start: Annotated[str, Field(pattern=r"^([a-z0-9._-]+/[1-9][0-9]*)?$")] = ""
+    """`name/version` of a shipped model with whose weights training starts; random ones where it is
+    empty. What that model was not told of a task has no weight at first."""
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     system: System
     """The plant; of a model for many, the one that a request is for which names none."""
@@ -144,11 +157,17 @@ class TrainingConfig(Section):
             tomllib.TOMLDecodeError: it is not TOML.
             pydantic.ValidationError: the name is missing, or a value is unknown or out of range.
         """
-        base, own = _load(DEFAULT_CONFIG), _load(path)
-        if "base" in own:
-            base = _varied(base, _load(path.parent / str(own.pop("base"))))
+        base, own = _base_and_own(path)
         del base["name"]
         return cls.model_validate(_varied(base, own))
+
+
+def _base_and_own(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what a file's base says, with all that it is based on, and what the file says."""
+    own = _load(path)
+    if "base" not in own:
+        return _load(DEFAULT_CONFIG), own
+    return _varied(*_base_and_own(path.parent / str(own.pop("base")))), own
 
 
 def _load(path: Path) -> dict[str, Any]:

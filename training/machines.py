@@ -9,6 +9,7 @@ from app.planning.arrays import FloatArray
 from app.planning.plant.coverage import Coverage
 from app.planning.plant.natural_units import scales
 from app.planning.plant.probes import PROBES
+from app.planning.plant.spread import Spread
 from app.planning.plant.system import Plant
 from training.section import Bounds, Section, Share
 from training.tasks import Tasks
@@ -74,7 +75,7 @@ class RandomMachines(Section):
     moving_targets: Share = 0.4
 
     def sample(self, num_tasks: int, horizon: int, rng: np.random.Generator) -> Tasks:
-        """Draw N tasks, each for a machine of its own."""
+        """Draw N tasks, each for a machine of its own, which is known exactly."""
         plants = self._sample_plants(num_tasks, horizon, rng)
         reach, speed = scales(Plant(*plants.T), horizon)
         moving = rng.random((2, num_tasks)) < [[self.moving_starts], [self.moving_targets]]
@@ -84,7 +85,8 @@ class RandomMachines(Section):
         displacement *= self.displacement_over_reach * reach
         displacement += DRIFT * reach * velocities.sum(axis=0) / speed
         start = np.zeros(num_tasks)
-        return Tasks(np.column_stack([start, velocities[0], displacement, velocities[1]]), plants)
+        states = np.column_stack([start, velocities[0], displacement, velocities[1]])
+        return Tasks(states, plants, np.zeros((num_tasks, len(Spread._fields))))
 
     @property
     def coverage(self) -> Coverage:

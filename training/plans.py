@@ -9,11 +9,13 @@ import torch
 from tqdm import tqdm
 
 from app.inference.conditioning import Conditioning
-from app.planning.plant.features import feature_values
+from app.planning.plant.features import SPREAD_FEATURES, feature_values
+from app.planning.plant.spread import CERTAIN
 from training.batch import Batch
 from training.config import PlansConfig, TrainingConfig
-from training.experts import Plans, draw_plans
+from training.experts import Plans
 from training.machines import CONDITION
+from training.plan_store import PlanStore
 from training.streams import Stream, generator
 from training.tasks import Tasks
 
@@ -33,18 +35,23 @@ class PlanData:
         config: of the training.
         data: its section `data`.
         device: where the tensors are.
+        store: keeps the plans.
+        begun: the condition of the model that training starts from, if there is one.
     """
 
-    def __init__(self, config: TrainingConfig, data: PlansConfig, device: torch.device) -> None:
-        self._config, self._data, self._device = config, data, device
-        held_out = self._draw(Stream.VALIDATION_DATA, 0, data.validation_samples)
-        values = feature_values(CONDITION, held_out.tasks.columns, data.horizon)
-        self.conditioning = Conditioning(
-            features=CONDITION,
-            mean=tuple(values.mean(axis=0).tolist()),
-            std=tuple(values.std(axis=0).tolist()),
-        )
+    def __init__(
+        self,
+        config: TrainingConfig,
+        data: PlansConfig,
+        device: torch.device,
+        store: PlanStore,
+        begun: Conditioning | None = None,
+    ) -> None:
+        self._config, self._data, self._device, self._store = config, data, device, store
+        held_out = self._plans(Stream.VALIDATION_DATA, 0, data.validation_samples)
+        self.conditioning = _conditioning(data, held_out.tasks, begun)
         self.coverage = data.machines.coverage
+        self.uncertainty = data.experts.spreads.most if data.experts.robust else CERTAIN
         self.description = f"Plans for random machines and tasks: {data.experts}."
         self.validation = self._prepare(held_out)
         self._threads = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="plans")
@@ -90,26 +97,41 @@ class PlanData:
         part.controls[:], part.conditions[:] = chunk.controls, chunk.conditions
         if part.tasks and chunk.tasks:
             part.tasks.states[:], part.tasks.plants[:] = chunk.tasks.states, chunk.tasks.plants
+            part.tasks.spreads[:] = chunk.tasks.spreads
 
     def _chunk(self, index: int) -> Batch:
-        return self._prepare(self._draw(Stream.TRAINING_DATA, index, self._data.plans_at_once))
+        return self._prepare(self._plans(Stream.TRAINING_DATA, index, self._data.plans_at_once))
 
-    def _draw(self, stream: Stream, index: int, size: int) -> Plans:
-        """Draw so many plans, and their mirror images."""
-        rng = generator(self._config.seed, stream, index)
-        data = self._data
-        prior, horizon = self._config.prior, data.horizon
-        return draw_plans(
-            data.machines, data.experts, prior, size, horizon, rng
-        ).with_mirror_images()
+    def _plans(self, stream: Stream, index: int, size: int) -> Plans:
+        """Return so many plans, and their mirror images."""
+        return self._store.chunk(stream, index, size).with_mirror_images()
 
     def _prepare(self, plans: Plans) -> Batch:
-        conditions = self.conditioning.encode_tasks(plans.tasks.columns, self._data.horizon)
+        tasks, horizon = plans.tasks, self._data.horizon
+        conditions = self.conditioning.encode_tasks(tasks.columns, horizon, tasks.spread)
         return Batch(
             torch.tensor(plans.controls[:, None], dtype=torch.float32, device=self._device),
             torch.from_numpy(conditions).to(self._device),
             plans.tasks,
         )
+
+
+def _conditioning(data: PlansConfig, tasks: Tasks, begun: Conditioning | None) -> Conditioning:
+    """Return the condition that tasks make standard.
+
+    What a model was told from which training starts is told as before; what comes to that is 0
+    where the plant is known exactly, so that there the plans are those of before.
+    """
+    features = (*CONDITION, *(SPREAD_FEATURES if data.experts.robust else ()))
+    values = feature_values(features, tasks.columns, data.horizon, tasks.spread)
+    mean, std = values.mean(axis=0), values.std(axis=0)
+    if begun:
+        known = len(begun.features)
+        if features[:known] != begun.features:
+            raise ValueError("the model to start from was told other features of a task")
+        mean[:known], std[:known] = begun.mean, begun.std
+        mean[known:], std[known:] = 0.0, np.sqrt(np.mean(values[:, known:] ** 2, axis=0))
+    return Conditioning(features=features, mean=tuple(mean.tolist()), std=tuple(std.tolist()))
 
 
 def _repeated(chunk: Batch, times: int) -> Batch:
@@ -118,5 +140,5 @@ def _repeated(chunk: Batch, times: int) -> Batch:
     return Batch(
         chunk.controls.repeat(times, 1, 1),
         chunk.conditions.repeat(times, 1),
-        tasks and Tasks(np.tile(tasks.states, (times, 1)), np.tile(tasks.plants, (times, 1))),
+        tasks and tasks.rows(np.tile(np.arange(len(tasks)), times)),
     )

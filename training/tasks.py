@@ -1,12 +1,13 @@
 """Many tasks at once, each for a machine of its own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from app.planning.arrays import FloatArray, IntArray
 from app.planning.plant.natural_units import Scales, scales
+from app.planning.plant.spread import Spread
 from app.planning.plant.system import ByDirection, Plant, System
 from app.planning.plant.task import Task
 from app.planning.problem import Problem
@@ -31,6 +32,8 @@ class Tasks:
     """(N, 4): position and velocity of the start, and of the target."""
     plants: FloatArray
     """(N, 15), the fields of `Plant`."""
+    spreads: FloatArray
+    """(N, 4), the fields of `Spread`: by how much each plant may be off."""
 
     def __len__(self) -> int:
         return len(self.states)
@@ -41,9 +44,14 @@ class Tasks:
         columns: Any = (*self.states.T, Plant(*self.plants.T))
         return Task(*columns)
 
+    @property
+    def spread(self) -> Spread:
+        """Their spreads as one whose fields are arrays (N,)."""
+        return Spread(*self.spreads.T)
+
     def rows(self, rows: IntArray | slice) -> "Tasks":
         """Return some of them."""
-        return Tasks(self.states[rows], self.plants[rows])
+        return Tasks(self.states[rows], self.plants[rows], self.spreads[rows])
 
     def scales(self, horizon: int) -> Scales:
         """Return the reach and the speed of each, (N,)."""
@@ -56,19 +64,24 @@ class Tasks:
 
     def with_targets(self, targets: FloatArray) -> "Tasks":
         """Return the same with other targets (N, 2)."""
-        return Tasks(np.hstack([self.states[:, :2], targets]), self.plants)
+        return replace(self, states=np.hstack([self.states[:, :2], targets]))
+
+    def with_spreads(self, spreads: FloatArray) -> "Tasks":
+        """Return the same with plants that may be off by other shares (N, 4)."""
+        return replace(self, spreads=spreads)
 
     def mirrored(self) -> "Tasks":
         """Return what a mirror makes of them: each machine's forward is its backward."""
         plants = self.plants[:, _OPPOSITE]
         plants[:, _BIAS] *= -1
-        return Tasks(-self.states, plants)
+        return Tasks(-self.states, plants, self.spreads)
 
     def followed_by(self, others: "Tasks") -> "Tasks":
         """Return these and then the others."""
         return Tasks(
             np.concatenate([self.states, others.states]),
             np.concatenate([self.plants, others.plants]),
+            np.concatenate([self.spreads, others.spreads]),
         )
 
 

@@ -19,13 +19,16 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
+from app.inference.noise_levels import noise_levels
 from training.acceleration import accelerated
 from training.batch import Batch, Data
 from training.config import PlansConfig, TrainingConfig
 from training.files import write_atomically
 from training.network import Denoiser, build_network
+from training.plan_store import PlanStore
 from training.plans import PlanData
-from training.schedule import cosine_alphas_cumprod
+from training.schedule import alphas_cumprod
+from training.start import StartingPoint
 from training.streams import Stream, generator
 from training.terminal_loss import TerminalLoss
 from training.transitions import TransitionData
@@ -64,11 +67,12 @@ class Trainer:
 
     Args:
         config: decides everything.
-        run_directory: holds the run's state; an existing one is resumed.
+        run_directory: holds the run's state; an existing one is resumed. Plans are kept beside it.
         device: where the network runs; the random draws are the same everywhere.
 
     Raises:
-        ValueError: the run directory belongs to another configuration, or is damaged.
+        ValueError: the run directory belongs to another configuration, or is damaged; or training
+            cannot start from the model that it is to start from.
     """
 
     def __init__(self, config: TrainingConfig, run_directory: Path, device: torch.device) -> None:
@@ -76,13 +80,18 @@ class Trainer:
         self.device = device
         self._state_file = run_directory / "state.pt"
 
-        self.data = _data(config, device)
-        self.alphas_cumprod = cosine_alphas_cumprod(config.diffusion.num_timesteps)
-        self._alphas = torch.tensor(self.alphas_cumprod, dtype=torch.float32, device=device)
+        start = StartingPoint.of(config.start) if config.start else None
+        self.data = _data(config, device, run_directory.parent, start)
+        kind = config.diffusion.kind
+        self.alphas_cumprod = alphas_cumprod(kind, config.diffusion.num_timesteps)
+        levels = noise_levels(kind, self.alphas_cumprod.tolist())
+        self._levels = torch.tensor(levels, dtype=torch.float32, device=device)
 
         torch.manual_seed(int(self._rng(Stream.WEIGHTS).integers(2**63)))
         sizes = (self.data.conditioning.size, config.data.horizon)
         self._network = build_network(config.network, *sizes).to(device)
+        if start:
+            start.fill(self._network)
         self._forward = accelerated(self._network, device, config.optimisation.steps)
         self._optimiser = torch.optim.Adam(self._network.parameters(), fused=True)
         average = get_ema_multi_avg_fn(  # type: ignore[no-untyped-call]
@@ -152,9 +161,11 @@ class Trainer:
         keep = torch.from_numpy(rng.random(rows) >= diffusion.drop_probability).to(self.device)
         noise_draw = rng.standard_normal(tuple(controls.shape), dtype=np.float32)
         noise = torch.from_numpy(noise_draw).to(self.device)
-        alphas_cumprod = self._alphas[t].view(-1, 1, 1)
-        signal_share, noise_share = alphas_cumprod.sqrt(), (1 - alphas_cumprod).sqrt()
+        levels = self._levels[t].view(-1, 4, 1, 1)
+        signal_share, noise_share, signal_rate, noise_rate = levels.unbind(1)
         noisy = signal_share * controls + noise_share * noise
+        if diffusion.kind == "regression":
+            noisy = torch.zeros_like(noisy)
         predicted = network(noisy, t, batch.conditions, keep)
         match diffusion.predicts:
             case "noise":
@@ -162,7 +173,7 @@ class Trainer:
             case "clean":
                 target = controls
             case "velocity":
-                target = signal_share * noise - noise_share * controls
+                target = noise_rate * noise + signal_rate * controls
         loss = nn.functional.mse_loss(predicted, target)
         if weight and batch.tasks:
             match diffusion.predicts:
@@ -171,8 +182,8 @@ class Trainer:
                 case "clean":
                     clean = predicted
                 case "velocity":
-                    clean = signal_share * noisy - noise_share * predicted
-            terminal: Tensor = TerminalLoss.apply(clean.squeeze(1), batch.tasks, keep)  # type: ignore[no-untyped-call]
+                    clean = noise_rate * noisy - noise_share * predicted
+            terminal: Tensor = TerminalLoss.apply(clean.squeeze(1), batch.tasks, keep, rng)  # type: ignore[no-untyped-call]
             loss = loss + weight * terminal
         return loss
 
@@ -251,9 +262,12 @@ class Trainer:
         log.info("resumed at step %d", self.progress.step)
 
 
-def _data(config: TrainingConfig, device: torch.device) -> Data:
+def _data(
+    config: TrainingConfig, device: torch.device, plans: Path, start: StartingPoint | None
+) -> Data:
     if isinstance(config.data, PlansConfig):
-        return PlanData(config, config.data, device)
+        store = PlanStore(config, config.data, plans)
+        return PlanData(config, config.data, device, store, start.conditioning if start else None)
     return TransitionData(config, config.data, device)
 
 

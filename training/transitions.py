@@ -11,6 +11,7 @@ from app.inference.conditioning import Conditioning
 from app.planning.arrays import FloatArray, IntArray
 from app.planning.plant.coverage import Coverage
 from app.planning.plant.rollout import rollout
+from app.planning.plant.spread import CERTAIN
 from app.planning.plant.system import System
 from app.planning.plant.task import Task
 from training.batch import Batch
@@ -70,6 +71,7 @@ class TransitionData:
         )
         self.conditioning = state_conditioning(training)
         self.coverage = Coverage.only(config.system)
+        self.uncertainty = CERTAIN
         self.description = "Rollouts of random controls, drawn from the prior, on this plant."
         self._training, self.validation = (
             prepare(transitions, self.conditioning, config.system, device)

@@ -135,6 +135,8 @@ def _describe(model: Model) -> ModelDescription:
         coverage=manifest.coverage,
         system=manifest.system,
         horizon=manifest.horizon,
+        kind=manifest.kind,
+        uncertainty=dict(manifest.uncertainty),
         predicts=manifest.predicts,
         samplers=manifest.samplers,
         diffusion_timesteps=len(manifest.alphas_cumprod),

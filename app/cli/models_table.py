@@ -16,6 +16,7 @@ def print_models(manifests: Sequence[Manifest]) -> None:
     table = Table(
         Column("model", no_wrap=True),
         Column("H", justify="right"),
+        "kind",
         "predicts",
         Column("loss", justify="right"),
         "sha256",
@@ -25,6 +26,7 @@ def print_models(manifests: Sequence[Manifest]) -> None:
         table.add_row(
             manifest.label,
             str(manifest.horizon),
+            manifest.kind,
             manifest.predicts,
             f"{manifest.losses.validation:.4f}",
             manifest.sha256[:12],
@@ -33,6 +35,9 @@ def print_models(manifests: Sequence[Manifest]) -> None:
     for manifest in manifests:
         console.print(f"{manifest.label}: plants with {manifest.coverage}.")
         console.print(f"Trained on: {manifest.trained_on}")
+        if manifest.uncertainty:
+            shares = (f"{name} by {share:.0%}" for name, share in manifest.uncertainty.items())
+            console.print(f"Knows plants that may be off: {', '.join(shares)}.")
         samplers = manifest.samplers
         defaults = (_sampler("dpm_solver", samplers.dpm_solver), _sampler("ddim", samplers.ddim))
         console.print(f"By default: {', '.join(defaults)}.\n")

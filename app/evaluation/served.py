@@ -65,13 +65,14 @@ class ServedModels:
 
     def _model_for(self, request: AnyPlanRequest) -> ModelDescription | None:
         """Return the model that the service takes for a request."""
-        for model in self.models:
-            if request.model:
-                if request.model in (model.name, model.label):
-                    return model
-            elif model.covers(request.system or self.nominal, request.horizon or DEFAULT_HORIZON):
-                return model
-        return None
+        if request.model:
+            named = (each for each in self.models if request.model in (each.name, each.label))
+            return next(named, None)
+        system, horizon = request.system or self.nominal, request.horizon or DEFAULT_HORIZON
+        covering = [model for model in self.models if model.covers(system, horizon)]
+        may_be_off = request.uncertainty is not None and request.uncertainty.robust
+        knowing = [model for model in covering if may_be_off and model.uncertainty]
+        return next(iter((*knowing, *covering)), None)
 
 
 def _learned(question: Question) -> AnyPlanRequest | None:

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, model_validator
 
 from app.planning.arrays import FloatArray
-from app.planning.plant.features import PLANT_FEATURES, TASK_FEATURES, feature_values
+from app.planning.plant.features import (
+    PLANT_FEATURES,
+    SPREAD_FEATURES,
+    TASK_FEATURES,
+    feature_values,
+)
+from app.planning.plant.spread import CERTAIN, Spread
 from app.planning.plant.task import Task
 
 STATES = ("initial_position", "initial_velocity", "target_position", "target_velocity")
@@ -29,11 +35,12 @@ class Conditioning(BaseModel):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        unknown = sorted(set(self.features) - TASK_FEATURES.keys() - PLANT_FEATURES.keys())
+        known = TASK_FEATURES.keys() | PLANT_FEATURES.keys() | SPREAD_FEATURES.keys()
+        unknown = sorted(set(self.features) - known)
         if unknown:
             raise ValueError(
                 f"no features {', '.join(unknown)}; there are: "
-                f"{', '.join((*TASK_FEATURES, *PLANT_FEATURES))}"
+                f"{', '.join((*TASK_FEATURES, *PLANT_FEATURES, *SPREAD_FEATURES))}"
             )
         if not len(self.features) == len(self.mean) == len(self.std):
             raise ValueError("features, mean and std must be equally many")
@@ -54,13 +61,16 @@ class Conditioning(BaseModel):
         """C."""
         return len(self.features)
 
-    def encode_tasks(self, task: Task, horizon: int) -> NDArray[np.float32]:
+    def encode_tasks(
+        self, task: Task, horizon: int, spread: Spread = CERTAIN
+    ) -> NDArray[np.float32]:
         """Return the conditions (N, C) of tasks: (value - mean) / std of each feature.
 
         Args:
             task: the fields of it and of its plant are floats or (N,).
             horizon: H.
+            spread: by how much the plant may be off; the same.
         """
-        values = feature_values(self.features, task, horizon)
+        values = feature_values(self.features, task, horizon, spread)
         standardised: FloatArray = (values - np.array(self.mean)) / np.array(self.std)
         return standardised.astype(np.float32)

@@ -5,7 +5,7 @@ import numpy as np
 from app.planning.methods.base import InvalidStepCount
 
 CLEAN = -1
-"""The time after the last one, where no noise is left."""
+"""The time after the last one, where no noise is left: the last of a model's noise levels."""
 
 
 def diffusion_times(num_timesteps: int, steps: int, first: float, last: float) -> list[int]:

@@ -30,6 +30,7 @@ from app.inference.shares import Share, half_least_half_urgent
 from app.planning.arrays import FloatArray
 from app.planning.methods.base import Finish
 from app.planning.methods.sampler import Sampler
+from app.planning.plant.spread import CERTAIN, Told
 from app.planning.problem import Candidates, PlanningError, Problem
 
 MEMORY_TICKS = 10
@@ -108,9 +109,11 @@ class Engine:
         _use_no_threads_of_pytorch()
         return ModelStore.load(store, device, self.row_threads, kinds, serving, wanted)
 
-    def bind(self, model: Model, job: Job, *, keeps_steps: bool = False) -> "EngineProposal":
+    def bind(
+        self, model: Model, job: Job, told: Told | None = None, *, keeps_steps: bool = False
+    ) -> "EngineProposal":
         """Return `model` as a learned proposal that samples here; arguments as for its class."""
-        return EngineProposal(self, model, job, keeps_steps=keeps_steps)
+        return EngineProposal(self, model, job, told, keeps_steps=keeps_steps)
 
     def submit(
         self, job: Job, prepare: Callable[[], Sampling]
@@ -247,15 +250,23 @@ class EngineProposal:
         engine: samples.
         model: that it samples from.
         job: whose work the samplings are.
+        told: what the model is told of plants that may be the true one; None: nothing.
         keeps_steps: whether candidates come with every step of their denoising.
     """
 
     def __init__(
-        self, engine: Engine, model: Model, job: Job, *, keeps_steps: bool = False
+        self,
+        engine: Engine,
+        model: Model,
+        job: Job,
+        told: Told | None = None,
+        *,
+        keeps_steps: bool = False,
     ) -> None:
         self._engine = engine
         self._model = model
         self._job = job
+        self._told = told
         self._keeps_steps = keeps_steps
 
     def begin(self, problem: Problem, noise: FloatArray, sampler: Sampler) -> Finish:
@@ -277,14 +288,15 @@ class EngineProposal:
         submitted = perf_counter()
         steps: list[FloatArray] = []
         record = steps.append if self._keeps_steps else None
+        spread = self._told.spread if self._told else CERTAIN
         done = self._engine.submit(
             self._job,
-            lambda: Sampling(self._job, self._model, problem, noise, sampler, record),
+            lambda: Sampling(self._job, self._model, problem, noise, sampler, record, spread),
         )
 
         def finish() -> Candidates:
             controls, begun = done.result()
             denoising = np.array(steps) if steps else None
-            return Candidates(controls, (begun - submitted) * 1e3, denoising)
+            return Candidates(controls, (begun - submitted) * 1e3, denoising, self._told)
 
         return finish

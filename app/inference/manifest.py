@@ -21,20 +21,27 @@ from pydantic import (
 
 from app.inference.conditioning import Conditioning
 from app.inference.diffusion_times import diffusion_times
+from app.inference.noise_levels import ModelKind
 from app.planning.methods.base import InvalidStepCount
 from app.planning.methods.sampler import PAPER_MODEL_SAMPLERS, Samplers, SamplerSettings
 from app.planning.plant.coverage import Coverage
 from app.planning.plant.natural_units import natural_units
+from app.planning.plant.spread import CERTAIN, Spread
 from app.planning.plant.system import System
 from app.planning.problem import Problem
 
 CHECKPOINT_FILE = "unet.pt"
 MANIFEST_FILE = "manifest.json"
 
+SpreadParameter: TypeAlias = Literal[
+    "static_friction", "coulomb_friction", "viscous_damping", "control_gain"
+]
+"""The fields of `Spread`."""
 ModelName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
 Prediction: TypeAlias = Literal["noise", "clean", "velocity"]
-"""What a network predicts of u_t = signal * clean + noise * eps: eps, the clean sequence, or
-signal * eps - noise * clean (Salimans and Ho 2022)."""
+"""What a network predicts of u_t = signal * clean + noise * eps: eps, the clean sequence, or how
+fast u_t changes on the way to noise: of a diffusion signal * eps - noise * clean (Salimans and Ho
+2022), of a flow eps - clean."""
 
 
 class Losses(BaseModel):
@@ -61,7 +68,8 @@ class _AnyManifest(BaseModel):
     alphas_cumprod: Annotated[
         tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(min_length=1, max_length=10_000)
     ]
-    """Cumulative products of alpha_t for t = 0 ... T-1 (paper, Eq. 2)."""
+    """Cumulative products of alpha_t for t = 0 ... T-1 (paper, Eq. 2): the share of the signal in
+    the squares of signal and noise."""
     training: dict[str, Any]
     """The training configuration."""
     seeds: dict[str, int]
@@ -83,7 +91,11 @@ class Manifest(_AnyManifest):
     """The plant of a request that names the model and no plant."""
     trained_on: Annotated[str, Field(min_length=1, max_length=1000)]
     """In words, for whoever lists the models."""
+    kind: ModelKind = "diffusion"
     condition: Conditioning
+    uncertainty: dict[SpreadParameter, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
+    """By what share each parameter of a plant may be off at most; a model that was trained for
+    plants which may is told by how much."""
     predicts: Prediction
     samplers: Samplers
 
@@ -117,11 +129,17 @@ class Manifest(_AnyManifest):
             len(self.alphas_cumprod), sampler.steps, sampler.first_time, sampler.last_time
         )
 
-    def encode(self, problem: Problem) -> NDArray[np.float32]:
+    @property
+    def knows_uncertainty(self) -> bool:
+        """Whether the model makes other plans for a plant that may be off."""
+        return bool(self.uncertainty)
+
+    def encode(self, problem: Problem, spread: Spread = CERTAIN) -> NDArray[np.float32]:
         """Return what the network knows of a problem, (C,), or of the nearest one covered."""
         task = self.coverage.nearest(problem.task, self.horizon)
+        nearest = spread.within(Spread(**self.uncertainty))
         condition: NDArray[np.float32]
-        (condition,) = self.condition.encode_tasks(task, self.horizon)
+        (condition,) = self.condition.encode_tasks(task, self.horizon, nearest)
         return condition
 
     @classmethod

@@ -8,10 +8,12 @@ import torch
 from app.inference.manifest import Manifest
 from app.inference.networks import Kind, build_network
 from app.inference.networks.base import Checkpoint, Network
+from app.inference.noise_levels import NoiseLevel, noise_levels
 from app.inference.pace import GUESS, Pace, measure_pace
 from app.inference.row_threads import RowThreads
 from app.inference.torchscript import read_torchscript
 from app.inference.verification import ModelRejected
+from app.planning.plant.spread import CERTAIN, Spread
 from app.planning.plant.system import System
 from app.planning.problem import Problem
 
@@ -26,6 +28,8 @@ class Model:
     """Of the checkpoint."""
     device: torch.device
     pace: Pace
+    noise_levels: Sequence[NoiseLevel]
+    """At each diffusion time, and last without noise."""
 
     @property
     def label(self) -> str:
@@ -41,9 +45,9 @@ class Model:
         """Say whether the model was trained for such a plant and horizon."""
         return self.manifest.covers(system, horizon)
 
-    def condition(self, problem: Problem) -> torch.Tensor:
-        """Return what the network knows of a problem, (C,)."""
-        return torch.from_numpy(self.manifest.encode(problem)).to(self.device)
+    def condition(self, problem: Problem, spread: Spread = CERTAIN) -> torch.Tensor:
+        """Return what the network knows of a problem and of how far its plant may be off, (C,)."""
+        return torch.from_numpy(self.manifest.encode(problem, spread)).to(self.device)
 
 
 def load_model(
@@ -78,7 +82,8 @@ def load_model(
         )
     except RuntimeError as error:
         raise ModelRejected(f"{manifest.label}: the checkpoint does not run: {error}") from error
-    return Model(manifest, network, num_parameters, device, pace)
+    levels = noise_levels(manifest.kind, manifest.alphas_cumprod)
+    return Model(manifest, network, num_parameters, device, pace, levels)
 
 
 def _pace_of_one_like(

@@ -93,15 +93,18 @@ class ModelStore:
                 return model
         raise UnknownModel(f"no model {reference!r}; there are: {self._labels()}")
 
-    def covering(self, system: System, horizon: int) -> "Model":
+    def covering(self, system: System, horizon: int, *, may_be_off: bool = False) -> "Model":
         """Return the first model by name, in its latest version, that covers plant and horizon.
+
+        For a plant that `may_be_off` the first that knows of such, if there is one.
 
         Raises:
             UnfitModel: there is none.
         """
-        for model in self.models:
-            if model.covers(system, horizon):
-                return model
+        covering = [model for model in self.models if model.covers(system, horizon)]
+        knowing = [model for model in covering if may_be_off and model.manifest.knows_uncertainty]
+        if covering:
+            return (*knowing, *covering)[0]
         there_are = "; ".join(f"{model.label} for {model.coverage}" for model in self.models)
         raise UnfitModel(
             f"no model was trained for this plant and horizon {horizon} (other methods need none); "

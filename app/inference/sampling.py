@@ -17,6 +17,7 @@ from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
 from app.planning.methods.sampler import Sampler
 from app.planning.plant.natural_units import natural_units
+from app.planning.plant.spread import CERTAIN, Spread
 from app.planning.problem import PlanningError, Problem
 
 
@@ -41,10 +42,11 @@ class Sampling:
         job: whose work this is.
         model: predicts.
         problem: start and target.
-        noise: (K, H), standard normal.
+        noise: (K, H), standard normal; a regression has no use for it.
         sampler: solver, steps and guidance.
         record: called with the controls (K, H), in units of control, before the first step and
             after each.
+        spread: by how much the plant may be off.
 
     Raises:
         InvalidStepCount: the model has fewer diffusion times than the sampler has steps.
@@ -58,6 +60,7 @@ class Sampling:
         noise: FloatArray,
         sampler: Sampler,
         record: Callable[[FloatArray], None] | None = None,
+        spread: Spread = CERTAIN,
     ) -> None:
         self.job = job
         self._record = record
@@ -65,13 +68,14 @@ class Sampling:
         settings, manifest = sampler.settings, model.manifest
         self._guidance_scale = settings.guidance_scale
         self._units = natural_units(problem.system.plant)
+        start = torch.tensor(noise, dtype=torch.float32, device=model.device)
         self._steps = SOLVERS[sampler.solver](
-            torch.tensor(noise, dtype=torch.float32, device=model.device),
+            start.zero_() if manifest.kind == "regression" else start,
             manifest.times(settings),
-            manifest.alphas_cumprod,
+            model.noise_levels,
             manifest.predicts,
         )
-        conditional, unconditional = model.network.embed(model.condition(problem))
+        conditional, unconditional = model.network.embed(model.condition(problem, spread))
         needed = {0.0: [unconditional], 1.0: [conditional]}
         self._embeddings = torch.stack(
             needed.get(self._guidance_scale, [unconditional, conditional])

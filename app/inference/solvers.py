@@ -6,16 +6,16 @@ whoever predicts may do so for many of them at once. A solver is the algorithm; 
 request is a solver with its number of steps, times and guidance.
 """
 
-import math
 from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import torch
 from torch import Tensor
 
 from app.inference.diffusion_times import CLEAN
 from app.inference.manifest import Prediction
+from app.inference.noise_levels import NoiseLevel
 
 Steps: TypeAlias = Generator[tuple[Tensor, int], Tensor, Tensor]
 """Yields u_t (K, H) and t, is sent the prediction (K, H), returns the controls (K, H)."""
@@ -24,16 +24,18 @@ Steps: TypeAlias = Generator[tuple[Tensor, int], Tensor, Tensor]
 def ddim(
     noise: Tensor,
     times: Sequence[int],
-    alphas_cumprod: Sequence[float],
+    levels: Sequence[NoiseLevel],
     predicts: Prediction,
     bound: float = 1.0,
 ) -> Steps:
     """Deterministic DDIM (Song et al. 2021, Eq. 12 with sigma = 0; paper, Sect. 3.4).
 
+    On the straight paths of a flow it is Euler's method: u' = u + (noise' - noise) velocity.
+
     Args:
         noise: (K, H), standard normal.
         times: falling diffusion times, `CLEAN` last (see `diffusion_times`).
-        alphas_cumprod: cumulative products of alpha_t, one for each diffusion time.
+        levels: one for each diffusion time, and last that at `CLEAN` (see `noise_levels`).
         predicts: what is sent.
         bound: the predicted clean sequence is clamped to [-bound, bound] at every step, and the
             noise derived from the clamped one.
@@ -43,16 +45,16 @@ def ddim(
     """
     u = noise
     for t, next_t in pairwise(times):
-        level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
-        clean = level.clean(u, (yield u, t), predicts).clamp(-bound, bound)
-        u = level.step(u, clean, next_level)
+        level, next_level = levels[t], levels[next_t]
+        clean = _clean(level, u, (yield u, t), predicts).clamp(-bound, bound)
+        u = _step(level, u, clean, next_level)
     return u
 
 
 def dpm_solver(
     noise: Tensor,
     times: Sequence[int],
-    alphas_cumprod: Sequence[float],
+    levels: Sequence[NoiseLevel],
     predicts: Prediction,
     bound: float = 1.0,
 ) -> Steps:
@@ -66,49 +68,33 @@ def dpm_solver(
     """
     u, previous_clean, previous_level = noise, None, None
     for t, next_t in pairwise(times):
-        level, next_level = (NoiseLevel.at(time, alphas_cumprod) for time in (t, next_t))
-        clean = extrapolated = level.clean(u, (yield u, t), predicts).clamp(-bound, bound)
+        level, next_level = levels[t], levels[next_t]
+        clean = extrapolated = _clean(level, u, (yield u, t), predicts).clamp(-bound, bound)
         if previous_clean is not None and previous_level is not None and next_t != CLEAN:
             h = next_level.log_ratio - level.log_ratio
             previous_h = level.log_ratio - previous_level.log_ratio
             extrapolated = torch.lerp(previous_clean, clean, 1 + h / (2 * previous_h))
-        u = level.step(u, extrapolated, next_level)
+        u = _step(level, u, extrapolated, next_level)
         previous_clean, previous_level = clean, level
     return u
 
 
-class NoiseLevel(NamedTuple):
-    """The shares of signal and noise in a sequence; their squares add up to one."""
-
-    signal: float
-    noise: float
-
-    @classmethod
-    def at(cls, t: int, alphas_cumprod: Sequence[float]) -> "NoiseLevel":
-        """Return the level at a diffusion time, or at `CLEAN`."""
-        alpha = 1.0 if t == CLEAN else alphas_cumprod[t]
-        return cls(math.sqrt(alpha), math.sqrt(1 - alpha))
-
-    @property
-    def log_ratio(self) -> float:
-        """Lambda: half the logarithm of the signal-to-noise ratio."""
-        return math.log(self.signal / self.noise)
-
-    def clean(self, u: Tensor, prediction: Tensor, predicts: Prediction) -> Tensor:
-        """Return the clean sequence that the noise was added to, by the prediction."""
-        match predicts:
-            case "noise":
-                return torch.add(u, prediction, alpha=-self.noise).div_(self.signal)
-            case "clean":
-                return prediction
-            case "velocity":
-                return torch.mul(u, self.signal).add_(prediction, alpha=-self.noise)
-
-    def step(self, u: Tensor, clean: Tensor, level: "NoiseLevel") -> Tensor:
-        """Go to another level: signal' clean + noise' (u - signal clean) / noise."""
-        ratio = level.noise / self.noise
-        return torch.mul(u, ratio).add_(clean, alpha=level.signal - ratio * self.signal)
+def _clean(level: NoiseLevel, u: Tensor, prediction: Tensor, predicts: Prediction) -> Tensor:
+    """Return the clean sequence that the noise was added to, by the prediction."""
+    match predicts:
+        case "noise":
+            return torch.add(u, prediction, alpha=-level.noise).div_(level.signal)
+        case "clean":
+            return prediction
+        case "velocity":
+            return torch.mul(u, level.noise_rate).add_(prediction, alpha=-level.noise)
 
 
-Solve: TypeAlias = Callable[[Tensor, Sequence[int], Sequence[float], Prediction], Steps]
+def _step(level: NoiseLevel, u: Tensor, clean: Tensor, next_level: NoiseLevel) -> Tensor:
+    """Go to another level: signal' clean + noise' (u - signal clean) / noise."""
+    ratio = next_level.noise / level.noise
+    return torch.mul(u, ratio).add_(clean, alpha=next_level.signal - ratio * level.signal)
+
+
+Solve: TypeAlias = Callable[[Tensor, Sequence[int], Sequence[NoiseLevel], Prediction], Steps]
 SOLVERS: dict[str, Solve] = {"dpm_solver": dpm_solver, "ddim": ddim}

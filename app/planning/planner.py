@@ -84,8 +84,8 @@ def plan_many(
     proposed = perf_counter()
 
     refined = [
-        _refined(problem, own, recipe, rng, stop)
-        for problem, own, rng in zip(problems, controls, rngs, strict=True)
+        _refined(problem, own, recipe, rng, stop, are_robust=proposal.told is not None)
+        for problem, own, proposal, rng in zip(problems, controls, proposals, rngs, strict=True)
     ]
     if recipe.refinement:
         controls = np.stack([result.controls for result in refined if result])
@@ -115,8 +115,12 @@ def plan_many(
         for problem, proposal in zip(problems, proposals, strict=True)
     ]
     robustness = [
-        judge(problem, own, float(error), recipe.uncertainty) if recipe.uncertainty else None
-        for problem, own, error in zip(problems, chosen, errors[each, best], strict=True)
+        judge(problem, own, float(error), recipe.uncertainty, proposal.told)
+        if recipe.uncertainty
+        else None
+        for problem, own, error, proposal in zip(
+            problems, chosen, errors[each, best], proposals, strict=True
+        )
     ]
     measured = perf_counter()
 
@@ -155,11 +159,19 @@ def _refined(
     recipe: Recipe[Method],
     rng: np.random.Generator,
     stop: Stop,
+    *,
+    are_robust: bool,
 ) -> Refined | None:
-    """Return candidates (K, H) after refinement, where the recipe has one."""
+    """Return candidates (K, H) after refinement, where the recipe has one.
+
+    Those that `are_robust` already do not descend on the problem's own plant.
+    """
     if recipe.refinement is None:
         return None
-    refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
+    if are_robust:
+        refined = Refined.of(problem, controls)
+    else:
+        refined = refine(problem, controls, recipe.refinement, recipe.objective, stop)
     if recipe.uncertainty and recipe.uncertainty.is_robust:
         return refine_robustly(problem, refined, recipe.uncertainty, rng, stop)
     return refined

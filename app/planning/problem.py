@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from app.planning.arrays import FloatArray
 from app.planning.plant.rollout import rollout
+from app.planning.plant.spread import Told
 from app.planning.plant.system import System
 from app.planning.plant.task import Task
 
@@ -122,3 +123,6 @@ class Candidates:
     denoising: FloatArray | None = None
     """(S+1, K, H), units of control: before S denoising steps, after each, and so at last
     `controls`. Of methods that denoise, where it is kept."""
+    told: Told | None = None
+    """What the model was told of an uncertain plant: then the candidates are for all that it may
+    be, and a descent on the problem's own would spoil them. None: nothing."""

@@ -67,6 +67,8 @@ def _robustness_fields(robustness: Robustness, include: Container[Inclusion]) ->
     risk = robustness.risk
     fields = asdict(robustness)
     fields["risk"] = {"cvar": risk.level} if risk.name == "cvar" else risk.name
+    told = robustness.told
+    fields["told"] = told and {**told.spread._asdict(), "left_out": told.left_out or None}
     if "ensemble" not in include:
         fields |= {"errors": None, "fan": None}
     return fields

@@ -19,6 +19,7 @@ from app.planning.methods.base import Method, MethodOptions
 from app.planning.methods.settling import needs_model
 from app.planning.plan import Plan
 from app.planning.planner import plan_many, plan_multistep
+from app.planning.plant.spread import Spread
 from app.planning.plant.system import System
 from app.planning.problem import (
     DEFAULT_HORIZON,
@@ -30,6 +31,7 @@ from app.planning.problem import (
 )
 from app.planning.recipe import Recipe
 from app.planning.uncertainty.robustness import NUM_SHOWN
+from app.planning.uncertainty.told import tell
 from app.planning.uncertainty.uncertainty import MAX_SYSTEMS, NUM_JUDGES
 from app.serving.admission import Work
 from app.serving.answer_fields import multistep_fields, segment_fields, timing_fields
@@ -101,7 +103,8 @@ class PlanningService:
             uncertainty = uncertainty_of(request.uncertainty, system, request.initial_state, seed)
             asked = replace(asked, uncertainty=uncertainty)
         if needs_model(asked.method):
-            model = named or self.models.covering(system, horizon)
+            may_be_off = asked.uncertainty is not None and asked.uncertainty.is_robust
+            model = named or self.models.covering(system, horizon, may_be_off=may_be_off)
             if not model.covers(system, horizon):
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
             samplers = model.manifest.samplers
@@ -196,11 +199,15 @@ class PlanningService:
 
     def _able(self, resolved: "ResolvedRequest[Any]") -> Recipe[Method]:
         """Return the recipe of a request as one that can be followed."""
-        proposal = None
-        if resolved.model:
+        proposal, model = None, resolved.model
+        if model:
             assert self._engine is not None
-            keeps_steps = "denoising" in resolved.request.include
-            proposal = self._engine.bind(resolved.model, resolved.work, keeps_steps=keeps_steps)
+            keeps_steps, told = "denoising" in resolved.request.include, None
+            uncertainty = resolved.recipe.uncertainty
+            if uncertainty and uncertainty.is_robust and model.manifest.knows_uncertainty:
+                most = Spread(**model.manifest.uncertainty)
+                told = tell(uncertainty, resolved.system.plant, most)
+            proposal = self._engine.bind(model, resolved.work, told, keeps_steps=keeps_steps)
         recipe = resolved.recipe.able(proposal)
         if recipe.uncertainty:
             pending = np.array(resolved.request.pending_controls)

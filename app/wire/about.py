@@ -27,6 +27,12 @@ class ModelDescription(WireModel):
     )
     system: System = Field(description="The plant of a request that names the model and no plant.")
     horizon: int
+    kind: str = Field("diffusion", description="What it is: a diffusion, a flow or a regression.")
+    uncertainty: dict[str, float] = Field(
+        {},
+        description="By what share each parameter of the plant may be off at most, as the model "
+        "was trained for; empty, it knows only plants that are known exactly.",
+    )
     predicts: str = Field(description="What the network predicts: noise, clean or velocity.")
     samplers: Samplers = Field(
         description="What each sampler does where a request does not say it; times are shares of "

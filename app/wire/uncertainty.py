@@ -71,6 +71,20 @@ class Uncertainty(Asked):
         return Risk(self.risk)
 
 
+class ToldReport(WireModel):
+    """What the model was told: by what share of its value each parameter may be off."""
+
+    static_friction: float
+    coulomb_friction: float
+    viscous_damping: float
+    control_gain: float
+    left_out: list[str] | None = Field(
+        None,
+        description="What these shares do not say of the plants, in words: then they are the "
+        "nearest that the model knows. Absent where they say it all.",
+    )
+
+
 class RobustnessReport(WireModel):
     """Terminal errors of the plan over the plants that may be the true one, m."""
 
@@ -89,6 +103,11 @@ class RobustnessReport(WireModel):
         description="Share of the plants whose error is at most so much, m."
     )
     nominal_error: float = Field(description="On `system` itself: the terminal error.")
+    told: ToldReport | None = Field(
+        None,
+        description="Where a model that knows of uncertainty proposed the candidates. Others "
+        "propose for `system` alone.",
+    )
     first_order_bound: float | None = Field(
         None,
         description="The least r.m.s. error that any control sequence can have, to first order in "

@@ -17,6 +17,7 @@ from app.inference.job import Job
 from app.inference.manifest import Losses, Manifest
 from app.inference.model import Model
 from app.inference.networks.base import Network
+from app.inference.noise_levels import noise_levels
 from app.inference.pace import Pace
 from app.inference.sampling import Sampling, sample_alone
 from app.planning.arrays import FloatArray
@@ -125,7 +126,8 @@ def fake_model(
             **fields,
         }
     )
-    return Model(manifest, network, 0, CPU, Pace(rows_at_once, 1e-6))
+    levels = noise_levels(manifest.kind, manifest.alphas_cumprod)
+    return Model(manifest, network, 0, CPU, Pace(rows_at_once, 1e-6), levels)
 
 
 class Asked(NamedTuple):

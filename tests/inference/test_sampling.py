@@ -51,9 +51,9 @@ def finish(sampling: Sampling, portions: Sequence[int] = ()) -> FloatArray:
 
 def expected(asked: Asked, factor: float) -> FloatArray:
     """Return what the solver makes of predictions that are `factor` times its own sequence."""
-    alphas = fake_model(TellsConditionsApart()).manifest.alphas_cumprod
+    levels = fake_model(TellsConditionsApart()).noise_levels
     noise = torch.tensor(asked.noise, dtype=torch.float32)
-    steps = SOLVERS[asked.solver](noise, times(asked), alphas, "noise")
+    steps = SOLVERS[asked.solver](noise, times(asked), levels, "noise")
     u, _ = next(steps)
     while True:
         try:

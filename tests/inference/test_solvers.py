@@ -9,7 +9,9 @@ from torch import Tensor
 
 from app.inference.diffusion_times import CLEAN, diffusion_times
 from app.inference.manifest import Prediction
+from app.inference.noise_levels import ModelKind, noise_levels
 from app.inference.solvers import SOLVERS, Steps, ddim, dpm_solver
+from training.schedule import straight_alphas_cumprod
 
 T = 200
 ALPHAS = [math.cos((t + 2) / 205 * math.pi / 2) ** 2 for t in range(T)]
@@ -32,10 +34,11 @@ def run(
     times: Sequence[int],
     alphas: Sequence[float] = ALPHAS,
     predicts: Prediction = "noise",
+    kind: ModelKind = "diffusion",
     **bound: float,
 ) -> Tensor:
     """Give a solver all the predictions that it asks for; return its controls."""
-    steps = solve(noise, times, alphas, predicts, **bound)
+    steps = solve(noise, times, noise_levels(kind, alphas), predicts, **bound)
     asked = next(steps)
     while True:
         try:
@@ -319,6 +322,49 @@ def test_dpm_solver_steps_to_a_clean_sequence_extrapolated_in_the_log_ratio() ->
     expected = sigma[40] / sigma[100] * seen[1] - signal[40] * math.expm1(-h) * extrapolated
     assert seen[2] == pytest.approx(expected, rel=1e-12)
     assert float(result) == pytest.approx(cleans[40], rel=1e-12)
+
+
+FLOW_STEPS = 64
+FLOW_ALPHAS = straight_alphas_cumprod(FLOW_STEPS).tolist()
+FLOW_LEVELS = noise_levels("flow", FLOW_ALPHAS)
+
+
+def flow_velocity(u: Tensor, t: int) -> Tensor:
+    """The exact velocity of the flow from N(MEAN, STD^2) to the noise, E[eps - clean | u]."""
+    signal, noise = FLOW_LEVELS[t][:2]
+    variance = signal**2 * STD**2 + noise**2
+    return -MEAN + (noise - signal * STD**2) / variance * (u - signal * MEAN)
+
+
+def flowed(solve: Solver, offsets: Tensor, steps: int) -> Tensor:
+    """What a solver makes of the mean of the noise and these offsets."""
+    start = FLOW_LEVELS[-2].signal * MEAN + offsets
+    times = even_times(FLOW_STEPS, steps)
+    return run(solve, flow_velocity, start, times, FLOW_ALPHAS, "velocity", "flow", bound=UNBOUNDED)
+
+
+def test_ddim_on_a_flow_is_eulers_method() -> None:
+    offsets = torch.linspace(-2, 2, 8, dtype=torch.float64).reshape(1, 8)
+    times = even_times(FLOW_STEPS, 7)
+
+    u = FLOW_LEVELS[-2].signal * MEAN + offsets
+    for t, next_t in pairwise(times):
+        u = u + (FLOW_LEVELS[next_t].noise - FLOW_LEVELS[t].noise) * flow_velocity(u, t)
+
+    torch.testing.assert_close(flowed(ddim, offsets, 7), u, rtol=1e-10, atol=1e-10)
+
+
+@every_solver
+def test_a_flow_with_the_exact_velocity_of_a_gaussian_arrives_at_it(solve: Solver) -> None:
+    """The flow keeps u less its mean in proportion to its standard deviation."""
+    offsets = torch.linspace(-2, 2, 16, dtype=torch.float64).reshape(2, 8)
+    first = FLOW_LEVELS[-2]
+    exact = MEAN + STD / math.hypot(first.signal * STD, first.noise) * offsets
+
+    misses = [float((flowed(solve, offsets, n) - exact).abs().max()) for n in (4, 8, 16, 32, 64)]
+
+    assert misses == sorted(misses, reverse=True)
+    assert misses[-1] < 0.1 * STD
 
 
 def test_solvers_are_offered_under_their_names() -> None:

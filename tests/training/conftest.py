@@ -29,7 +29,12 @@ TINY: dict[str, Any] = {
         "velocity_range": [-0.5, 0.5],
     },
     "network": {"kind": "unet", "channels": 8, "time_dimension": 8, "condition_dimension": 8},
-    "diffusion": {"num_timesteps": 20, "drop_probability": 0.2, "predicts": "noise"},
+    "diffusion": {
+        "kind": "diffusion",
+        "num_timesteps": 20,
+        "drop_probability": 0.2,
+        "predicts": "noise",
+    },
     "optimisation": {
         "steps": 12,
         "batch_size": 32,

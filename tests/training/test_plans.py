@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -5,6 +7,7 @@ import torch
 from app.inference.device import CPU
 from tests.training.conftest import ANY_MACHINE, Configure
 from training.config import PlansConfig, TrainingConfig
+from training.plan_store import PlanStore
 from training.plans import PlanData
 
 
@@ -13,13 +16,15 @@ def config(configure: Configure) -> TrainingConfig:
     return configure(**ANY_MACHINE)
 
 
-def data_of(config: TrainingConfig) -> PlanData:
+def data_of(config: TrainingConfig, folder: Path) -> PlanData:
     assert isinstance(config.data, PlansConfig)
-    return PlanData(config, config.data, CPU)
+    return PlanData(config, config.data, CPU, PlanStore(config, config.data, folder))
 
 
-def test_conditions_of_plans_and_mirror_images_are_standard(config: TrainingConfig) -> None:
-    data = data_of(config)
+def test_conditions_of_plans_and_mirror_images_are_standard(
+    config: TrainingConfig, tmp_path: Path
+) -> None:
+    data = data_of(config, tmp_path)
     conditions = data.validation.conditions
 
     assert conditions.shape == (60, data.conditioning.size)
@@ -32,8 +37,10 @@ def test_conditions_of_plans_and_mirror_images_are_standard(config: TrainingConf
     data.close()
 
 
-def test_batches_are_drawn_from_the_latest_chunks_alone(config: TrainingConfig) -> None:
-    data = data_of(config)
+def test_batches_are_drawn_from_the_latest_chunks_alone(
+    config: TrainingConfig, tmp_path: Path
+) -> None:
+    data = data_of(config, tmp_path)
     seen: dict[int, set[bytes]] = {}
     for step in range(13):
         batch = data.batch(step)
@@ -48,8 +55,10 @@ def test_batches_are_drawn_from_the_latest_chunks_alone(config: TrainingConfig) 
     assert not seen[0] & seen[3]
 
 
-def test_a_step_has_the_same_batch_whenever_training_begins(config: TrainingConfig) -> None:
-    first, resumed = data_of(config), data_of(config)
+def test_a_step_has_the_same_batch_whenever_training_begins(
+    config: TrainingConfig, tmp_path: Path
+) -> None:
+    first, resumed = data_of(config, tmp_path), data_of(config, tmp_path)
     for step in range(9):
         batch = first.batch(step)
     again = resumed.batch(8)
@@ -64,8 +73,8 @@ def test_a_step_has_the_same_batch_whenever_training_begins(config: TrainingConf
     resumed.close()
 
 
-def test_the_manifest_is_told_what_the_plans_were(config: TrainingConfig) -> None:
-    data = data_of(config)
+def test_the_manifest_is_told_what_the_plans_were(config: TrainingConfig, tmp_path: Path) -> None:
+    data = data_of(config, tmp_path)
     data.close()
 
     assert data.description == (

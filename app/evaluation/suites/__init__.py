@@ -6,6 +6,7 @@ from app.evaluation.suites.closed_loop import ClosedLoop
 from app.evaluation.suites.error_compute import ErrorCompute
 from app.evaluation.suites.friction_sensitivity import FrictionSensitivity
 from app.evaluation.suites.identification import Identification
+from app.evaluation.suites.learned_models import LearnedModels
 from app.evaluation.suites.learned_prior import LearnedPrior
 from app.evaluation.suites.multistep_random import MultistepRandom
 from app.evaluation.suites.multistep_reference import MultistepReference
@@ -34,6 +35,7 @@ SUITES: dict[str, type[Suite]] = {
         Identification,
         ClosedLoop,
         LearnedPrior,
+        LearnedModels,
         SamplerFrontier,
     )
 }

@@ -15,6 +15,7 @@ from app.planning.plant.natural_units import (
     scales_of_natural,
 )
 from app.planning.plant.probes import PROBES, probe_misses
+from app.planning.plant.spread import CERTAIN, Spread
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 
@@ -162,6 +163,11 @@ TASK_FEATURES: dict[str, TaskFeature] = {
 }
 """m and m/s, or shares of the plant's scales."""
 
+SPREAD_FEATURES: dict[str, Callable[[Spread], Value]] = {
+    f"{parameter}_spread": attrgetter(parameter) for parameter in Spread._fields
+}
+"""By what share a parameter may be off."""
+
 CHANGES: dict[str, Callable[[TaskFacts, float], Task]] = {
     "initial_position": lambda facts, value: facts.task._replace(position=value),
     "initial_velocity": lambda facts, value: facts.task._replace(velocity=value),
@@ -180,21 +186,26 @@ CHANGES: dict[str, Callable[[TaskFacts, float], Task]] = {
 """The task whose feature has another value."""
 
 
-def feature_values(names: Sequence[str], task: Task, horizon: int) -> FloatArray:
-    """Return features (N, C) of a task and its plant, by name.
+def feature_values(
+    names: Sequence[str], task: Task, horizon: int, spread: Spread = CERTAIN
+) -> FloatArray:
+    """Return features (N, C) of a task, its plant and how well that is known, by name.
 
     Args:
-        names: C of `TASK_FEATURES` and `PLANT_FEATURES`.
+        names: C of `TASK_FEATURES`, `PLANT_FEATURES` and `SPREAD_FEATURES`.
         task: the fields of it and of its plant are floats or (N,).
         horizon: H.
+        spread: by how much the plant may be off; its fields are the same.
     """
     facts = TaskFacts(task, horizon)
-    columns = (
-        TASK_FEATURES[name](facts) if name in TASK_FEATURES else PLANT_FEATURES[name](facts)
-        for name in names
-    )
-    fields = (np.shape(field) for field in (*task[:-1], *task.plant))
+
+    def value(name: str) -> Value:
+        if name in SPREAD_FEATURES:
+            return SPREAD_FEATURES[name](spread)
+        return TASK_FEATURES[name](facts) if name in TASK_FEATURES else PLANT_FEATURES[name](facts)
+
+    fields = (np.shape(field) for field in (*task[:-1], *task.plant, *spread))
     values = np.empty((*np.broadcast_shapes((1,), *fields), len(names)))
-    for column, value in zip(values.T, columns, strict=True):
-        column[:] = value
+    for column, name in zip(values.T, names, strict=True):
+        column[:] = value(name)
     return values

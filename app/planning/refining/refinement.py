@@ -6,7 +6,7 @@ in waiting.py; a plan where none arrives comes from reachable/trace.py.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -76,6 +76,13 @@ class Refined:
     """Rollouts spent, of the whole horizon or a part of it."""
     reachability: Reachability | None
     """Of the problem, where it was worked out on the way."""
+
+    @classmethod
+    def of(cls, problem: Problem, controls: FloatArray) -> Self:
+        """Return candidates (K, H) as they were proposed."""
+        errors = np.array([terminal_error_of(each, problem.task) for each in controls])
+        none = np.zeros(len(controls), dtype=np.bool_)
+        return cls(controls, errors, errors, none, rollouts=len(controls), reachability=None)
 
 
 def refine(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.plant.spread import Told
 from app.planning.problem import Problem
 from app.planning.uncertainty.risk import Risk
 from app.planning.uncertainty.uncertainty import Uncertainty
@@ -38,10 +39,16 @@ class Robustness:
     """(S,): of each plant."""
     fan: FloatArray
     """(min(S, 32), H+1, 2): what the plan does on some of the plants, spread evenly."""
+    told: Told | None
+    """What the model was told of the plants that the plan is for, where one proposed it."""
 
 
 def judge(
-    problem: Problem, controls: FloatArray, nominal_error: float, uncertainty: Uncertainty
+    problem: Problem,
+    controls: FloatArray,
+    nominal_error: float,
+    uncertainty: Uncertainty,
+    told: Told | None = None,
 ) -> Robustness:
     """Carry `controls` (H,) out on every plant, and measure how near they end."""
     errors = uncertainty.judges.errors(controls[np.newaxis], problem.target_state)[0]
@@ -65,4 +72,5 @@ def judge(
         first_order_bound=bound,
         errors=errors,
         fan=few.trajectories(controls),
+        told=told,
     )

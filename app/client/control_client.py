@@ -72,6 +72,8 @@ class _State:
                 self._end(told)
             case Control():
                 self._go_on(told)
+            case Started():  # another session plans for the same plants
+                self.start = self.start.model_copy(update={"seed": told.seed})
         return told
 
     def aim(self, target: Target) -> None:

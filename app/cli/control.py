@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
+from app.cli.request_options import json_option, picture_option, request_options
 from app.failure import Failure
 from app.settings_options import read_settings
 
 if TYPE_CHECKING:
     from app.wire.simulation import SimulateRequest, SimulateResponse
-
-FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
-STATE: dict[str, Any] = {"type": float, "nargs": 2, "metavar": "P V"}
 
 
 @click.command()
@@ -23,26 +21,18 @@ STATE: dict[str, Any] = {"type": float, "nargs": 2, "metavar": "P V"}
     required=True,
     help="On a simulated machine; a real one is controlled over WS /control.",
 )
-@click.option(
-    "--request",
-    "request_file",
-    type=click.File("rb"),
-    help="JSON as for POST /simulate; - is standard input.",
+@request_options(
+    file="JSON as for POST /simulate; - is standard input.",
+    target="Position (m) to come to rest at, and velocity 0.",
+    system="The true plant: a machine's name, or its parameters.  [default: the paper's plant]",
+    uncertainty="Plants around the nominal one that the controller plans for: their systems, or by "
+    'what share parameters may be off, such as {"relative": {"coulomb_friction": 0.1}}.',
 )
-@click.option(
-    "--initial-state", **STATE, help="Position (m) and velocity (m/s) at the start.  [default: 0 0]"
-)
-@click.option("--target-state", **STATE, help="Position (m) to come to rest at, and velocity 0.")
 @click.option(
     "--controller",
     metavar="NAME|JSON",
     help="A controller's name, such as pid, or an object with its name and options.  "
     "[default: receding_horizon]",
-)
-@click.option(
-    "--system",
-    metavar="NAME|JSON",
-    help="The true plant: a machine's name, or its parameters.  [default: the paper's plant]",
 )
 @click.option(
     "--nominal-system",
@@ -67,14 +57,8 @@ STATE: dict[str, Any] = {"type": float, "nargs": 2, "metavar": "P V"}
 )
 @click.option("--delay-steps", type=int, help="Time steps to the actuator.  [default: 0]")
 @click.option("--num-runs", type=int, help="Runs of different noise.  [default: 1]")
-@click.option("--seed", type=int, help="Decides noise and disturbance.")
-@click.option(
-    "--json",
-    "json_file",
-    **FILE,
-    help="Write the answer as the service sends it; - is standard output.",
-)
-@click.option("--picture", **FILE, help="Draw the runs (.png, .pdf, .svg).")
+@json_option
+@picture_option("Draw the runs")
 def control(
     simulate: bool,  # noqa: ARG001  # so far there is nothing else
     request_file: BinaryIO | None,

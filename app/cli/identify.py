@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
+from app.cli.request_options import FILE, json_option, picture_option
 from app.failure import Failure
 from app.settings_options import read_settings
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from app.planning.plant.system import System
     from app.wire.identification import IdentifyRequest, IdentifyResponse
 
-FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
 COLUMN: dict[str, Any] = {"metavar": "NAME[:UNIT]"}
 NUMBER_OR_AUTO = "N|auto"
 
@@ -54,18 +54,11 @@ NUMBER_OR_AUTO = "N|auto"
     show_default=True,
     help="Write the plant, as --request of breakaway plan, POST /plan and /simulate take it.",
 )
-@click.option(
-    "--json",
-    "json_file",
-    **FILE,
-    help="Write the answer as the service sends it; - is standard output.",
-)
-@click.option(
-    "--picture",
-    **FILE,
+@json_option
+@picture_option(
+    "Draw what the plant predicts of the log, and its friction",
     default=Path("identification.png"),
     show_default=True,
-    help="Draw what the plant predicts of the log, and its friction (.png, .pdf, .svg).",
 )
 @click.option(
     "--excitation",

@@ -4,15 +4,16 @@ What the columns have to be is checked here as far as it is the file's; the rest
 """
 
 import csv
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from app.cli.log_columns import Column, in_si, split
+from app.cli.log_times import at_even_times
 from app.failure import Failure
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,46 +24,6 @@ ROLES = {
     "velocity": ("velocity", "velocities", "v", "speed", "xd", "qd"),
 }
 """The names that a column may have, besides those that are given."""
-TURN = 2.0 * np.pi
-LENGTHS = {
-    "m": 1.0,
-    "cm": 1e-2,
-    "mm": 1e-3,
-    "um": 1e-6,
-    "rad": 1.0,
-    "deg": TURN / 360.0,
-    "rev": TURN,
-}
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": TIMES,
-    "position": LENGTHS,
-    "velocity": {
-        **{f"{length}/{time}": a / b for length, a in LENGTHS.items() for time, b in TIMES.items()},
-        "rpm": TURN / 60.0,
-    },
-}
-"""What each is in SI; a control may be in any unit."""
-HEADING = re.compile(
-    r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]$|^(?P<stem>.+)_(?P<suffix>[^_]+)$"
-)
-JITTER = 0.02
-"""By what share time steps may differ to count as even."""
-MOST_JITTER = 0.6
-"""By more, samples are missing."""
-GAP = 5.0
-"""Time steps; a longer one divides two logs."""
-
-
-class Column(NamedTuple):
-    """A column that was found."""
-
-    name: str
-    unit: str
-    """As it was stated, or the SI unit that is assumed."""
-    is_stated: bool
-    values: FloatArray
-    """(N,), in SI units; a control's in its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +76,7 @@ def read_log(file: Path, named: Mapping[str, str | None], time_step: float | Non
     if time_step is None:
         if found["time"] is None:
             raise Failure(f"{file}: no column has times; name it with --time, or give --time-step")
-        time_step, chosen, note = _at_even_times(file, found["time"].values, chosen)
+        time_step, chosen, note = at_even_times(file, found["time"].values, chosen)
         notes += note
     fields: dict[str, Any] = {
         "time_step": time_step,
@@ -207,87 +168,9 @@ def _find(
         name, _, unit = name.partition(":")
         if name not in series:
             raise Failure(f"--{role}: {file} has no column {name!r}; there are {', '.join(series)}")
-        return _in_si(file, role, name, unit or _split(name)[1], series[name], is_named=True)
+        return in_si(file, role, name, unit or split(name)[1], series[name], is_named=True)
     for heading, values in series.items():
-        stem, unit = _split(heading)
+        stem, unit = split(heading)
         if heading.lower() in ROLES[role] or stem.lower() in ROLES[role]:
-            return _in_si(file, role, heading, unit if stem != heading else "", values)
+            return in_si(file, role, heading, unit if stem != heading else "", values)
     return None
-
-
-def _split(heading: str) -> tuple[str, str]:
-    """Return the name of a column and the unit in its heading, as in `position [mm]`, `t_ms`."""
-    match = HEADING.match(heading)
-    if match is None:
-        return heading, ""
-    return match["name"] or match["stem"], match["unit"] or match["suffix"]
-
-
-def _in_si(
-    file: Path,
-    role: str,
-    name: str,
-    unit: str,
-    values: FloatArray,
-    *,
-    is_named: bool = False,
-) -> Column:
-    wrong = np.flatnonzero(~np.isfinite(values))
-    if wrong.size:
-        raise Failure(
-            f"{file}: {name} has {wrong.size} values that are no finite numbers, the first in row "
-            f"{wrong[0] + 1}"
-        )
-    units = UNITS.get(role)
-    if units is None:
-        return Column(name, unit, True, values)
-    if not unit or (is_named and unit not in units and ":" not in name):
-        return Column(name, next(iter(units)), False, values)
-    if unit not in units:
-        raise Failure(f"{file}: {name}: the unit {unit!r} is none of {', '.join(units)}")
-    return Column(name, unit, True, units[unit] * values)
-
-
-def _at_even_times(
-    file: Path, times: FloatArray, series: dict[str, FloatArray]
-) -> tuple[float, dict[str, FloatArray], list[str]]:
-    """Return the time step, and the series at even times.
-
-    Raises:
-        Failure: time stands still, runs backwards, or has a gap.
-    """
-    steps = np.diff(times)
-    if np.median(steps) < 0.0:
-        raise Failure(f"{file}: time runs backwards: is the newest sample the first?")
-    wrong = np.flatnonzero(steps <= 0.0)
-    if wrong.size:
-        row = wrong[0] + 1
-        raise Failure(
-            f"{file}: time does not go on from {times[row - 1]:g} to {times[row]:g} s, row {row}: "
-            "is it two logs in one?"
-        )
-    usual = float(np.median(steps))
-    longest = int(np.argmax(steps))
-    if steps[longest] > GAP * usual:
-        raise Failure(
-            f"{file}: a gap of {steps[longest]:.3g} s after row {longest + 1}, where {usual:.3g} s "
-            "are usual: it is two logs in one; give one of them"
-        )
-    off = float(np.max(np.abs(steps / usual - 1.0)))
-    even = float(steps.mean())
-    if off <= JITTER:
-        return even, series, []
-    if off > MOST_JITTER:
-        raise Failure(
-            f"{file}: time steps lie between {steps.min():.3g} and {steps.max():.3g} s, too uneven "
-            "to be taken at even times: samples are missing"
-        )
-    at = times[0] + even * np.arange(len(times))
-    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 1)
-    resampled = {
-        # A control holds until the next one; what is measured goes on meanwhile.
-        role: values[before] if role == "control" else np.interp(at, times, values)
-        for role, values in series.items()
-    }
-    note = f"time steps differ by up to {off:.0%}; samples are taken at even ones of {even:.4g} s"
-    return even, resampled, [note]

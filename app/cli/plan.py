@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
+from app.cli.request_options import json_option, picture_option, request_options
 from app.failure import Failure
 from app.settings_options import read_settings
 
@@ -18,21 +19,16 @@ if TYPE_CHECKING:
     from app.wire.answers import MultistepPlanResponse, PlanResponse
     from app.wire.requests import MultistepPlanRequest, PlanRequest
 
-STATE: dict[str, Any] = {"type": float, "nargs": 2, "metavar": "P V"}
-FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
-
 
 @click.command()
-@click.option(
-    "--request",
-    "request_file",
-    type=click.File("rb"),
-    help="JSON as for POST /plan, or with targets for POST /plan_multistep; - is standard input.",
+@request_options(
+    file="JSON as for POST /plan, or with targets for POST /plan_multistep; - is standard input.",
+    target="Position (m) and velocity (m/s) to reach.",
+    system="A machine's name (see breakaway models --machines), or an object with the plant's "
+    "parameters.  [default: the paper's plant]",
+    uncertainty="Plan for plants that are not known: their systems, or by what share parameters "
+    'may be off, such as {"relative": {"coulomb_friction": 0.1}}.',
 )
-@click.option(
-    "--initial-state", **STATE, help="Position (m) and velocity (m/s) at the start.  [default: 0 0]"
-)
-@click.option("--target-state", **STATE, help="Position (m) and velocity (m/s) to reach.")
 @click.option(
     "--method",
     metavar="NAME|JSON",
@@ -40,17 +36,10 @@ FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
     "[default: action_diffusion]",
 )
 @click.option(
-    "--system",
-    metavar="NAME|JSON",
-    help="A machine's name (see breakaway models --machines), or an object with the plant's "
-    "parameters.  [default: the paper's plant]",
-)
-@click.option(
     "--num-candidates",
     type=int,
     help="K: candidates that are rolled out and ranked.  [default: 16]",
 )
-@click.option("--seed", type=int, help="Decides every random draw.")
 @click.option(
     "--model",
     metavar="NAME",
@@ -68,19 +57,8 @@ FILE: dict[str, Any] = {"type": click.Path(path_type=Path), "metavar": "FILE"}
     help="What ranks plans that arrive equally well, such as control_energy.  "
     "[default: terminal_error]",
 )
-@click.option(
-    "--uncertainty",
-    metavar="JSON",
-    help="Plan for plants that are not known: their systems, or by what share parameters may be "
-    'off, such as {"relative": {"coulomb_friction": 0.1}}.',
-)
-@click.option(
-    "--json",
-    "json_file",
-    **FILE,
-    help="Write the answer as the service sends it; - is standard output.",
-)
-@click.option("--picture", **FILE, help="Draw a plan to one target (.png, .pdf, .svg).")
+@json_option
+@picture_option("Draw a plan to one target")
 def plan(
     request_file: BinaryIO | None, json_file: Path | None, picture: Path | None, **fields: Any
 ) -> None:

@@ -1,6 +1,7 @@
 """The client side: it speaks HTTP and shares the schemas, and knows nothing of the service."""
 
-from app.client.control_client import AsyncControlClient, ControlClient, SessionEnded
+from app.client.control_client import AsyncControlClient, ControlClient
+from app.client.control_session import SessionEnded
 from app.client.planner_client import AsyncPlannerClient, PlannerClient, RequestRefused
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.batches import BatchFailure, BatchPlan, BatchProblem, PlanBatchRequest

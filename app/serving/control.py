@@ -15,13 +15,17 @@ from app.planning.methods.settling import needs_model
 from app.planning.objectives import TERMINAL_ERROR
 from app.planning.plant.system import System
 from app.planning.recipe import Recipe
+from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.uncertainty import ROLLOUTS_PER_ITERATION
 from app.serving.admission import Work
+from app.serving.ensembles import ensemble_of
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
 from app.serving.service import check_controls, check_limits
 from app.settings import Settings
 from app.wire import control as wire
 from app.wire.requests import MAX_SEED
+from app.wire.uncertainty import Ensemble as Ensembled
 
 STEP_STEPS = 1000
 """A step takes about as long as so many simulated time steps, whatever its controller computes."""
@@ -39,6 +43,8 @@ class ResolvedStep:
     goal: Goal
     memory: Memory | None
     pending_controls: tuple[float, ...]
+    ensemble: Ensemble | None
+    """Plants that are planned for."""
     recipe: Recipe[Any] | None
     """Of a fallback."""
     seed: int | None
@@ -72,7 +78,8 @@ class ControlService:
 
         Raises:
             InvalidField: the carry is not what a step gave, a pending control exceeds the plant's
-                limits, a velocity is missing, or the fallback is none or too large.
+                limits, a velocity is missing, the fallback is none or too large, or nothing
+                plans for the ensemble.
         """
         system = request.system or System()
         controller = request.controller
@@ -80,7 +87,14 @@ class ControlService:
         measurement = Measurement(position, velocity)
         check_measured("/position", controller, measurement)
         check_controls("/pending_controls", request.pending_controls, system)
-        recipe, rollout_steps = None, steps_of(controller, request.steps_left)
+        seed = None
+        if request.fallback or (request.uncertainty and request.uncertainty.relative):
+            seed = drawn_seed(request.seed)
+        ensemble = planned_for(request.uncertainty, controller, system, seed or 0)
+        recipe, rollout_steps = None, steps_of(controller, request.steps_left, ensemble)
+        if request.fallback and ensemble:
+            detail = "plans for one plant: with an uncertainty there is none"
+            raise InvalidField("/fallback", detail)
         if request.fallback:
             recipe = self._recipe(request.fallback)
             rollout_steps += recipe.cost().rollouts * MAX_PLAN
@@ -115,8 +129,9 @@ class ControlService:
             Goal(request.target_state[0], request.steps_left),
             memory_of("/carry", request.carry),
             tuple(request.pending_controls),
+            ensemble,
             recipe,
-            _seed(request.seed) if recipe else None,
+            seed,
             work,
         )
 
@@ -162,6 +177,7 @@ class ControlService:
             resolved.goal,
             resolved.memory,
             pending_controls=resolved.pending_controls,
+            ensemble=resolved.ensemble,
             fallback=fallback,
             stop=resolved.work.stop,
         )
@@ -195,12 +211,32 @@ def step_timing(queue_ms: float, step_ms: float) -> dict[str, float]:
     return {stage: round(ms, 3) for stage, ms in stages.items()}
 
 
-def steps_of(controller: AnyController, steps_left: int | None) -> int:
+def steps_of(
+    controller: AnyController, steps_left: int | None, ensemble: Ensemble | None = None
+) -> int:
     """Return about how many simulated time steps one step of a controller takes, at most."""
     if not isinstance(controller, RecedingHorizon):
         return STEP_STEPS
     horizon = max(controller.least_horizon, min(steps_left or MAX_PLAN, MAX_PLAN))
-    return STEP_STEPS + controller.iterations * horizon
+    plans = 1.0 + ROLLOUTS_PER_ITERATION * (len(ensemble) if ensemble else 0)
+    return STEP_STEPS + int(plans * controller.iterations * horizon)
+
+
+def planned_for(
+    asked: Ensembled | None, controller: AnyController | None, system: System, seed: int
+) -> Ensemble | None:
+    """Return the plants that a controller is to plan for.
+
+    Raises:
+        InvalidField: it makes no plans, or the plants are not like `system`.
+    """
+    if asked is None:
+        return None
+    if not isinstance(controller, RecedingHorizon):
+        detail = "only receding_horizon makes plans, and so for plants that may be the true one"
+        raise InvalidField("/uncertainty", detail)
+    # Wherever the mass is, it is there on all of them.
+    return ensemble_of(asked, system, np.zeros(2), seed)
 
 
 def check_measured(pointer: str, controller: AnyController, measurement: Measurement) -> None:
@@ -225,5 +261,6 @@ def memory_of(pointer: str, carry: dict[str, Any] | None) -> Memory | None:
         raise InvalidField(f"{pointer}{field}", str(error)) from None
 
 
-def _seed(asked: int | None) -> int:
-    return secrets.randbelow(MAX_SEED + 1) if asked is None else asked
+def drawn_seed(asked: int | None, most: int = MAX_SEED) -> int:
+    """Return the seed that was asked for, or draw one."""
+    return secrets.randbelow(most + 1) if asked is None else asked

@@ -13,7 +13,15 @@ from app.planning.control.carry import write_carry
 from app.planning.control.memory import Memory
 from app.planning.control.step import ControlStep, Goal, Measurement, control_step
 from app.planning.plant.system import System
-from app.serving.control import check_measured, memory_of, step_timing, steps_of
+from app.planning.uncertainty.ensemble import Ensemble
+from app.serving.control import (
+    check_measured,
+    drawn_seed,
+    memory_of,
+    planned_for,
+    step_timing,
+    steps_of,
+)
 from app.serving.rates import SECONDS_PER_STEP, Rate
 from app.serving.refusals import OutOfOrder
 from app.serving.service import check_controls
@@ -36,6 +44,7 @@ class Loop:
     system: System
     goal: Goal
     pending_controls: tuple[float, ...]
+    ensemble: Ensemble | None
     memory: Memory | None
     deadline_ms: float
     include: frozenset[str]
@@ -113,15 +122,20 @@ class Session:
             raise OutOfOrder("the session has started already")
         system = message.system or System()
         check_controls("/pending_controls", message.pending_controls, system)
+        seed = None
+        if message.uncertainty and message.uncertainty.relative:
+            seed = drawn_seed(message.seed)
+        ensemble = planned_for(message.uncertainty, message.controller, system, seed or 0)
         loop = Loop(
             message.controller,
             system,
             Goal(message.target_state[0], message.steps_left),
             tuple(message.pending_controls),
+            ensemble,
             memory_of("/resume", message.resume),
             message.deadline_ms or 1e3 * system.time_step,
             frozenset(message.include),
-            Rate(_expected_seconds(message), PRIOR_STEPS),
+            Rate(_expected_seconds(message, ensemble), PRIOR_STEPS),
         )
         self._admit(loop)
         self.loop = loop
@@ -129,6 +143,7 @@ class Session:
             "type": "started",
             "controller": loop.controller.name,
             "system": loop.system,
+            "seed": seed,
             "deadline_ms": loop.deadline_ms,
         }
 
@@ -147,6 +162,7 @@ class Session:
                 loop.goal,
                 loop.memory,
                 pending_controls=loop.pending_controls,
+                ensemble=loop.ensemble,
             )
 
         taken, seconds = await self._compute(loop, take)
@@ -188,6 +204,7 @@ class Session:
         return self.loop
 
 
-def _expected_seconds(start: Start) -> float:
+def _expected_seconds(start: Start, ensemble: Ensemble | None) -> float:
     """Return about how long a step of a loop takes."""
-    return STEP_SECONDS + SECONDS_PER_STEP * steps_of(start.controller, start.steps_left)
+    steps = steps_of(start.controller, start.steps_left, ensemble)
+    return STEP_SECONDS + SECONDS_PER_STEP * steps

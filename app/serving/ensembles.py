@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from app.planning.arrays import FloatArray
 from app.planning.plant.system import System
 from app.planning.problem import as_state
 from app.planning.uncertainty.ensemble import Ensemble
@@ -15,7 +16,25 @@ SHARED = {
     "time_step": ("time_step",),
     "control_limit": ("lowest_control", "highest_control"),
 }
-"""What a plan for all plants takes to be the same on each, and what of a `Plant` that is."""
+"""What plants that stand for each other have in common, and what of a `Plant` that is."""
+
+
+def ensemble_of(asked: wire.Ensemble, system: System, state: FloatArray, seed: int) -> Ensemble:
+    """Return the plants that plans are made for, each in a `state` (2,).
+
+    Raises:
+        InvalidField: a plant has another time step or other limits, or there is no such plant.
+    """
+    if asked.systems is not None:
+        for index, other in enumerate(asked.systems):
+            check_shared(f"/uncertainty/systems/{index}", other, system)
+        return Ensemble.of(asked.systems, state)
+    assert asked.relative is not None
+    try:
+        plants = asked.relative.draw(system, asked.num_systems, _rngs(seed)[0])
+    except Implausible as error:
+        raise InvalidField(f"/uncertainty/relative/{error.parameter}", str(error)) from None
+    return Ensemble.at(plants, state)
 
 
 def uncertainty_of(
@@ -24,32 +43,18 @@ def uncertainty_of(
     """Return what a plan is to cope with; each of its plants is in the initial state.
 
     Raises:
-        InvalidField: a plant has another time step or other limits, or there is no such plant.
+        InvalidField: as for `ensemble_of`.
     """
     state = as_state(initial_state)
-    if asked.systems is not None:
-        _check_shared(asked.systems, system)
-        given = Ensemble.of(asked.systems, state)
-        return Uncertainty(
-            given,
-            given,
-            risk=asked.measure,
-            num_motions=asked.num_motions,
-            is_robust=asked.robust,
-        )
-    assert asked.relative is not None
-    # Apart from the seed's own draws: a request without uncertainty has the same candidates.
-    design_rng, judges_rng = np.random.default_rng(seed).spawn(2)
-    try:
-        design = asked.relative.draw(system, asked.num_systems, design_rng)
-        judges = asked.relative.draw(system, NUM_JUDGES, judges_rng)
-        corners = asked.relative.corners(system)
-    except Implausible as error:
-        raise InvalidField(f"/uncertainty/relative/{error.parameter}", str(error)) from None
+    ensemble = ensemble_of(asked, system, state, seed)
+    judges, corners = ensemble, None
+    if asked.relative is not None:
+        judges = Ensemble.at(asked.relative.draw(system, NUM_JUDGES, _rngs(seed)[1]), state)
+        corners = Ensemble.at(asked.relative.corners(system), state)
     return Uncertainty(
-        ensemble=Ensemble.at(design, state),
-        judges=Ensemble.at(judges, state),
-        corners=Ensemble.at(corners, state),
+        ensemble=ensemble,
+        judges=judges,
+        corners=corners,
         risk=asked.measure,
         num_motions=asked.num_motions,
         relative=asked.relative,
@@ -57,11 +62,21 @@ def uncertainty_of(
     )
 
 
-def _check_shared(systems: list[System], system: System) -> None:
-    for index, other in enumerate(systems):
-        for name, parts in SHARED.items():
-            if any(getattr(other.plant, part) != getattr(system.plant, part) for part in parts):
-                raise InvalidField(
-                    f"/uncertainty/systems/{index}/{name}",
-                    f"must be that of system, {getattr(system, name)}",
-                )
+def _rngs(seed: int) -> list[np.random.Generator]:
+    """Return what draws the plants that plans are made for, and those that judge them.
+
+    Apart from the seed's own draws: a request without uncertainty has the same candidates.
+    """
+    return np.random.default_rng(seed).spawn(2)
+
+
+def check_shared(pointer: str, other: System, system: System) -> None:
+    """Check that another plant can stand for `system`.
+
+    Raises:
+        InvalidField: it has another time step, or other limits.
+    """
+    for name, parts in SHARED.items():
+        if any(getattr(other.plant, part) != getattr(system.plant, part) for part in parts):
+            detail = f"must be that of system, {getattr(system, name)}"
+            raise InvalidField(f"{pointer}/{name}", detail)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from app.planning.identification.identify import EVALUATIONS, Question, identify
-from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.log import Log
+from app.planning.identification.log_checks import UnusableLog
 from app.planning.identification.verdict import Identification
 from app.serving.admission import Work
 from app.serving.json_parts import json_parts

@@ -1,6 +1,5 @@
 """Whole runs on a true machine: from a request to an answer."""
 
-import secrets
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -19,8 +18,10 @@ from app.planning.control.simulation import (
 )
 from app.planning.control.step import STATUSES
 from app.planning.plant.system import System
+from app.planning.uncertainty.ensemble import Ensemble
 from app.serving.admission import Work
-from app.serving.control import steps_of
+from app.serving.control import drawn_seed, planned_for, steps_of
+from app.serving.ensembles import check_shared
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
@@ -32,11 +33,6 @@ from app.wire.simulation import MAX_RUNS, SimulateRequest, SimulateResponse
 DEFAULT_STEPS = 128
 SERIES = {"states": 2, "measurements": 2, "estimates": 2}
 """Numbers of each step."""
-SHARED = {
-    "time_step": ("time_step",),
-    "control_limit": ("lowest_control", "highest_control"),
-}
-"""In what a model has to be like the machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +42,8 @@ class ResolvedSimulation:
     request: SimulateRequest
     machine: TrueMachine
     nominal_system: System
+    ensemble: Ensemble | None
+    """Plants that the controller plans for."""
     steps: int
     seed: int
     work: Work
@@ -81,20 +79,23 @@ class SimulationService:
             arrived: when it did, by `perf_counter`; None for now.
 
         Raises:
-            InvalidField: the model and the machine do not go together, a control exceeds the
-                limits, nothing estimates the velocity, or it is larger than the settings allow.
+            InvalidField: the model, the machine and the ensemble do not go together, a control
+                exceeds the limits, nothing estimates the velocity, or it is larger than the
+                settings allow.
         """
         system = request.system or System()
         nominal = request.nominal_system or system
         controls, controller = request.controls, request.controller
         steps = request.steps or (DEFAULT_STEPS if controls is None else len(controls))
-        _check_shared(nominal, system)
+        check_shared("/nominal_system", nominal, system)
         check_controls("/controls", controls or [], system)
         sensor = request.sensor or Sensor()
         if controller and controller.observer is None and not sensor.measures_velocity:
             detail = "without velocities a controller needs an observer"
             raise InvalidField("/sensor/measures_velocity", detail)
-        each = steps_of(controller, request.steps_left) if controller else 1
+        seed = drawn_seed(request.seed, MAX_SEED - MAX_RUNS)
+        ensemble = planned_for(request.uncertainty, controller, nominal, seed)
+        each = steps_of(controller, request.steps_left, ensemble) if controller else 1
         numbers = (1 + sum(SERIES[name] for name in request.include)) * steps * request.num_runs
         deadline_ms = request.deadline_ms or self._settings.max_deadline_ms
         check_limits(
@@ -113,7 +114,6 @@ class SimulationService:
             ("/deadline_ms", "milliseconds", deadline_ms, self._settings.max_deadline_ms),
         )
         disturbance = request.disturbance.made if request.disturbance else Disturbance()
-        seed = request.seed
         work = Work(
             0,
             deadline=(arrived or perf_counter()) + deadline_ms / 1e3,
@@ -127,8 +127,9 @@ class SimulationService:
             request,
             TrueMachine(system, disturbance, sensor, request.delay_steps),
             nominal,
+            ensemble,
             steps,
-            secrets.randbelow(MAX_SEED - MAX_RUNS) if seed is None else seed,
+            seed,
             work,
         )
 
@@ -158,6 +159,7 @@ class SimulationService:
             told,
             resolved.steps,
             seeds,
+            ensemble=resolved.ensemble,
             stop=resolved.work.stop,
         )
         seconds = perf_counter() - began
@@ -201,10 +203,3 @@ def _reports(runs: Runs, seeds: range, request: SimulateRequest) -> list[dict[st
         }
         for i, (seed, settling) in enumerate(zip(seeds, runs.settling_steps, strict=True))
     ]
-
-
-def _check_shared(nominal: System, system: System) -> None:
-    for name, parts in SHARED.items():
-        if any(getattr(nominal.plant, part) != getattr(system.plant, part) for part in parts):
-            detail = f"must be that of system, {getattr(system, name)}"
-            raise InvalidField(f"/nominal_system/{name}", detail)

@@ -20,13 +20,14 @@ from app.planning.plant.system import System
 from app.wire.model import ARRAY, Asked, WireModel
 from app.wire.requests import (
     MAX_PENDING_CONTROLS,
-    MAX_SEED,
     MethodField,
     Number,
     RefineField,
+    Seed,
     State,
     SystemField,
 )
+from app.wire.uncertainty import Ensemble
 
 MAX_STEPS_LEFT = 1_000_000
 
@@ -74,6 +75,13 @@ PendingControls = Annotated[
         max_length=MAX_PENDING_CONTROLS,
     ),
 ]
+PlannedFor = Annotated[
+    Ensemble,
+    Field(
+        description="Plants that may be the true one: the receding horizon plans for all of them, "
+        "the mean of their squared errors, in place of `system` with what was learned."
+    ),
+]
 Carry = Annotated[
     dict[str, Any],
     Field(description="What the last step gave, as it came: plan, observer and estimate."),
@@ -112,13 +120,16 @@ class ControlRequest(Asked):
     )
     pending_controls: PendingControls = Field([])
     carry: Carry | None = Field(None)
+    uncertainty: PlannedFor | None = Field(None)
     fallback: Fallback | None = Field(
         None,
         description="Plan by another method as well, where no plan of the receding horizon's own "
-        "arrives.",
+        "arrives; not with `uncertainty`.",
     )
-    seed: Annotated[int, Field(ge=0, le=MAX_SEED)] | None = Field(
-        None, description="Decides the draws of a fallback; a step without one draws nothing."
+    seed: Seed | None = Field(
+        None,
+        description="Decides the draws of a fallback, and the plants of `uncertainty`: the same in "
+        "every step of a loop. A step without either draws nothing.",
     )
     deadline_ms: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Milliseconds in which the answer is of use, as for /plan."
@@ -171,7 +182,7 @@ class ControlResponse(WireModel):
 
     controller: str
     system: System = Field(description="What was believed of the plant.")
-    seed: int | None = Field(None, description="Absent without a fallback.")
+    seed: int | None = Field(None, description="Absent where nothing was drawn.")
     control: float = Field(description="To be sent now, units of control.")
     plan: list[float] = Field(description="This control, and those that are to follow it.")
     predicted_states: list[tuple[float, float]] = Field(
@@ -179,7 +190,9 @@ class ControlResponse(WireModel):
         "controls on: position (m) and velocity (m/s)."
     )
     predicted_error: float | None = Field(
-        None, description="Terminal error of a plan that was made in this step, m."
+        None,
+        description="Terminal error of a plan that was made in this step, m; with `uncertainty` "
+        "before it was made for all plants.",
     )
     status: Status = Field(
         description="moving; holding: at rest for this step, short of the target; arrived: at "

@@ -6,7 +6,7 @@ from pydantic import ConfigDict, FailFast, Field, JsonValue
 from typing_extensions import TypeAliasType
 
 from app.planning.identification.identify import Question
-from app.planning.identification.log import LEAST_STEPS, LEAST_TIME_STEP, MOST_TIME_STEP
+from app.planning.identification.log_checks import LEAST_STEPS, LEAST_TIME_STEP, MOST_TIME_STEP
 from app.planning.plant.system import (
     ByDirection,
     ControlLimits,

@@ -12,6 +12,7 @@ from app.wire.control import (
     ControllerField,
     EstimateReport,
     PendingControls,
+    PlannedFor,
     RestingState,
     Status,
     StepsLeft,
@@ -19,7 +20,7 @@ from app.wire.control import (
 )
 from app.wire.model import ARRAY, Asked, WireModel
 from app.wire.problems import FieldError
-from app.wire.requests import Number, SystemField
+from app.wire.requests import Number, Seed, SystemField
 
 MAX_STEP_DEADLINE_MS = 60_000.0
 
@@ -35,6 +36,8 @@ class Start(Asked):
     controller: ControllerField = Field(
         default_factory=RecedingHorizon, json_schema_extra=BY_ITS_NAME
     )
+    uncertainty: PlannedFor | None = Field(None)
+    seed: Seed | None = Field(None, description="Decides the plants of `uncertainty`.")
     steps_left: StepsLeft | None = Field(
         None, description="Counted from the first measurement on; the session counts down."
     )
@@ -87,6 +90,7 @@ class Started(WireModel):
     type: Literal["started"]
     controller: str
     system: System
+    seed: int | None = Field(None, description="Absent where nothing was drawn.")
     deadline_ms: float
 
 

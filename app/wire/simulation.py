@@ -17,6 +17,7 @@ from app.wire.control import (
 )
 from app.wire.model import ARRAY, Asked, WireModel
 from app.wire.requests import MAX_PENDING_CONTROLS, MAX_SEED, Number, State, SystemField
+from app.wire.uncertainty import Ensemble
 
 MAX_RUNS = 10_000
 MAX_PULSES = 64
@@ -61,6 +62,9 @@ class SimulateRequest(Asked):
         description="What the controller believes of the plant, `system` by default: of the same "
         "time step and control limits.",
     )
+    uncertainty: Ensemble | None = Field(
+        None, description="Plants around `nominal_system` that the controller is to plan for."
+    )
     steps: Annotated[int, Field(ge=1, le=MAX_STEPS)] | None = Field(
         None, description="Time steps of a run; 128, or as many as there are controls."
     )
@@ -82,8 +86,8 @@ class SimulateRequest(Asked):
     )
     seed: Annotated[int, Field(ge=0, le=MAX_SEED - MAX_RUNS)] | None = Field(
         None,
-        description="Decides noise and disturbance, alike for every controller; without one the "
-        "answer says which was drawn.",
+        description="Decides noise and disturbance, alike for every controller, and the plants of "
+        "`uncertainty`; without one the answer says which was drawn.",
     )
     deadline_ms: Annotated[int, Field(ge=1)] | None = Field(
         None, description="Milliseconds in which the answer is of use, as for /plan."

@@ -1,6 +1,6 @@
 """Uncertainty: in requests, what a plan is to cope with; in answers, how well it does."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -27,8 +27,8 @@ class CVaR(Asked):
 RiskField: TypeAlias = Literal["mean", "worst"] | CVaR
 
 
-class Uncertainty(Asked):
-    """The plants that may be the true one, and what their errors are to be as one number."""
+class Ensemble(Asked):
+    """The plants that may be the true one: given, or drawn."""
 
     systems: Annotated[list[System], ARRAY] | None = Field(
         None,
@@ -45,6 +45,17 @@ class Uncertainty(Asked):
     num_systems: Annotated[int, Field(ge=1, le=MAX_SYSTEMS)] = Field(
         NUM_SYSTEMS, description="How many plants to draw with `relative`."
     )
+
+    @model_validator(mode="after")
+    def _either_given_or_drawn(self) -> Self:
+        if (self.systems is None) == (self.relative is None):
+            raise ValueError("either systems or relative says which plants there may be")
+        return self
+
+
+class Uncertainty(Ensemble):
+    """The plants that may be the true one, and what their errors are to be as one number."""
+
     risk: RiskField = Field("mean", description="What ranks plans, over the plants' errors.")
     robust: bool = Field(
         True,
@@ -56,12 +67,6 @@ class Uncertainty(Asked):
         description="With `refine`: motions that the search for a robust plan starts from, beside "
         "the candidates. More of them take longer, and find better plans.",
     )
-
-    @model_validator(mode="after")
-    def _either_given_or_drawn(self) -> "Uncertainty":
-        if (self.systems is None) == (self.relative is None):
-            raise ValueError("either systems or relative says which plants there may be")
-        return self
 
     @property
     def measure(self) -> Risk:

@@ -4,13 +4,16 @@ import json
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.planning.control import CONTROLLERS
+from app.planning.control import CONTROLLERS, RecedingHorizon
 from app.planning.control.simulation import ToldOf, TrueMachine, simulate
+from app.planning.control.step import Goal, Measurement, control_step
 from app.planning.plant.system import System
+from app.planning.uncertainty.ensemble import Ensemble
 from app.wire.control import ControlResponse
 from app.wire.simulation import SimulateResponse
 from tests.api.sessions import opened
@@ -34,6 +37,9 @@ RUN = {
     "delay_steps": 1,
     "seed": 7,
 }
+
+ENSEMBLE = {"relative": {"coulomb_friction": 0.1}}
+UNCERTAIN = {"uncertainty": ENSEMBLE}
 
 
 def ask(client: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
@@ -66,12 +72,24 @@ def test_a_fallback_is_drawn_by_the_seed(client: httpx.Client) -> None:
     assert "seed" in ask(client, "/control", far)
 
 
-@pytest.mark.parametrize("controller", ["receding_horizon", {"name": "pid"}])
+@pytest.mark.parametrize(
+    "controls",
+    [
+        {"controller": "receding_horizon"},
+        {"controller": {"name": "pid"}},
+        {
+            "controller": {"name": "receding_horizon", "replan_every": 8},
+            "uncertainty": {"relative": {"coulomb_friction": 0.2}, "num_systems": 4},
+            "seed": 7,
+        },
+    ],
+    ids=["receding_horizon", "pid", "ensemble"],
+)
 def test_steps_that_are_carried_a_session_and_a_run_are_the_same(
-    client: httpx.Client, controller: Any
+    client: httpx.Client, controls: dict[str, Any]
 ) -> None:
-    run = ask(client, "/simulate", RUN | {"controller": controller})["runs"][0]
-    asked = {"controller": controller, "target_state": [0.2, 0.0], "system": {}}
+    run = ask(client, "/simulate", RUN | controls)["runs"][0]
+    asked = controls | {"target_state": [0.2, 0.0], "system": {}}
     pending, carry = [0.0], None
     with opened(client) as session:
         session.ask({"type": "start", "steps_left": 40, "pending_controls": [0.0], **asked})
@@ -82,10 +100,28 @@ def test_steps_that_are_carried_a_session_and_a_run_are_the_same(
             body = asked | {"state": measured, "steps_left": max(0, 40 - k)}
             body |= {"pending_controls": pending} | ({"carry": carry} if carry else {})
             step = ask(client, "/control", body)
+            assert step.get("seed") == controls.get("seed")
             told = session.ask({"type": "measure", "position": position, "velocity": velocity})
             assert step["control"] == told["control"] == control, k
             assert step["status"] == told["status"]
             pending, carry = [control], step["carry"]
+
+
+def test_an_ensemble_is_planned_for_as_the_domain_does(client: httpx.Client) -> None:
+    systems = [{"coulomb_friction": friction} for friction in (0.5, 0.6, 0.7)]
+    body = STEP | {"pending_controls": [0.9], "uncertainty": {"systems": systems}}
+    robust = ask(client, "/control", body)
+    assert "seed" not in robust
+    taken = control_step(
+        RecedingHorizon(),
+        System(),
+        Measurement(0.0, 0.0),
+        Goal(0.2, 40),
+        pending_controls=[0.9],
+        ensemble=Ensemble.of([System(**system) for system in systems], np.zeros(2)),
+    )
+    assert robust["plan"] == taken.plan.tolist()
+    assert robust["plan"] != ask(client, "/control", STEP | {"pending_controls": [0.9]})["plan"]
 
 
 def test_a_run_is_what_the_domain_makes_of_it(client: httpx.Client) -> None:
@@ -155,6 +191,16 @@ def test_what_is_not_measured_is_null(client: httpx.Client) -> None:
             {"fallback": {"method": "cem", "num_candidates": 5000}},
             "/fallback/num_candidates",
         ),
+        ("/control", {"controller": "pd", "uncertainty": ENSEMBLE}, "/uncertainty"),
+        ("/control", {"uncertainty": ENSEMBLE, "fallback": {"method": "cem"}}, "/fallback"),
+        ("/control", {"uncertainty": {"systems": []}}, "/uncertainty/systems"),
+        (
+            "/control",
+            {"uncertainty": {"systems": [{"time_step": 0.01}]}},
+            "/uncertainty/systems/0/time_step",
+        ),
+        ("/simulate", {"controller": None, "controls": [0.1]} | UNCERTAIN, "/uncertainty"),
+        ("/simulate", {"uncertainty": {"risk": "mean"}}, "/uncertainty/risk"),
         (
             "/control",
             {"state": None, "position": 0.0, "controller": {"name": "pd", "observer": None}},

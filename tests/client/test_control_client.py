@@ -25,7 +25,9 @@ from app.launch import START_SECONDS, ServerProcess, launch
 from app.planning.control import RecedingHorizon
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
+from app.planning.uncertainty.relative import Relative
 from app.settings import Settings
+from app.wire.uncertainty import Ensemble
 from tests.served import serving, wait_until_ready
 
 README = Path(app.client.__file__).with_name("README.md").read_text()
@@ -144,11 +146,10 @@ def test_a_session_goes_on_with_another_service(
     ending: ServerProcess, url: str, sent: signal.Signals, reason: str
 ) -> None:
     undisturbed, machine = Machine(), Machine()
-    start = Start(target_state=(0.2, 0.0), steps_left=40, include=["carry"])
-    with ControlClient(url, KEY) as client, client.session(start) as session:
-        for _ in range(60):
-            undisturbed.send(session.measure(*undisturbed.measure()).control)
-
+    uncertainty = Ensemble(relative=Relative(coulomb_friction=0.1), num_systems=4)
+    start = Start(
+        target_state=(0.2, 0.0), steps_left=40, uncertainty=uncertainty, include=["carry"]
+    )
     with ControlClient(ending.url) as client, client.session(start) as session:
         for _ in range(15):
             machine.send(session.measure(*machine.measure()).control)
@@ -158,9 +159,16 @@ def test_a_session_goes_on_with_another_service(
         with pytest.raises(SessionEnded) as ended:
             session.measure(*machine.measure())
     assert ended.value.reason == reason
-    with ControlClient(url, KEY) as client, client.session(ended.value.resume) as session:
+    resume = ended.value.resume
+    with ControlClient(url, KEY) as client, client.session(resume) as session:
         for _ in range(45):
             machine.send(session.measure(*machine.measure()).control)
+
+    # The plants that the first service drew are planned for in the other, too.
+    whole = start.model_copy(update={"seed": resume.seed})
+    with ControlClient(url, KEY) as client, client.session(whole) as session:
+        for _ in range(60):
+            undisturbed.send(session.measure(*undisturbed.measure()).control)
     assert machine.controls == undisturbed.controls
 
 

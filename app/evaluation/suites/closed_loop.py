@@ -9,8 +9,13 @@ import pandas as pd
 
 from app.evaluation import grid
 from app.evaluation.answer_log import Answer
-from app.evaluation.case import Case, cases_of, taking_part
+from app.evaluation.case import cases_of, taking_part
 from app.evaluation.circumstances import CIRCUMSTANCES, STEPS, UNDISTURBED
+from app.evaluation.closed_machines import (
+    machine_questions,
+    machine_report,
+    taking_part_on_machines,
+)
 from app.evaluation.controllers import (
     CLOSED,
     LAWS,
@@ -21,18 +26,17 @@ from app.evaluation.controllers import (
 )
 from app.evaluation.entrants import REFINED_PRIOR
 from app.evaluation.question import Entrant, Question
+from app.evaluation.run_measures import KEPT, MIDWAY, columns, measures, measures_of
 from app.evaluation.statistics import percent
 from app.evaluation.suite import Parts, Picture, Row, Size, Suite
 from app.evaluation.suites.robust import ROBUST, shares_of
 from app.evaluation.tasks import Task, reachable_tasks, request_seed
 from app.figures.style import new_figure
-from app.planning.arrays import FloatArray
 from app.planning.control.estimate import system_of
 from app.planning.control.runs import Runs
 from app.planning.control.simulation import Controls, ToldOf, TrueMachine, simulate
 from app.planning.metrics import POSITION_TOLERANCE
 from app.planning.plant.system import Plant, System
-from app.planning.problem import DEFAULT_HORIZON
 from app.wire.requests import PlanRequest
 from app.wire.simulation import SimulateRequest
 
@@ -47,9 +51,6 @@ OPEN = (
 SHOWN = (*OPEN, RECEDING, RECEDING_IDENTIFYING)
 """In the figure."""
 SHOWN_TASKS = 1
-MIDWAY = DEFAULT_HORIZON
-KEPT = (MIDWAY, STEPS)
-"""Steps whose states are kept of each answer."""
 
 
 class Cell(NamedTuple):
@@ -66,7 +67,8 @@ CELLS = (
 
 
 class ClosedLoop(Suite):
-    """Controllers on plants that are off by 10 and 20 %, undisturbed and disturbed."""
+    """Controllers on plants that are off by 10 and 20 %, undisturbed and disturbed, and on real
+    machines of which less is known."""
 
     name = "closed-loop"
     title = "Closed loops on plants that are off, and disturbed"
@@ -90,6 +92,8 @@ class ClosedLoop(Suite):
                 for number, task in enumerate(tasks):
                     request = _plan(entrant, cell, task, self.size.budgets[0], self._seed(number))
                     yield Question(labels | {"task": number}, request, trajectories=True)
+        for entrant in taking_part_on_machines(self.size.entrants):
+            yield from machine_questions(entrant, self.size.tasks, self.seed)
 
     def _runs(
         self, tasks: list[Task], entrant: Entrant, cell: Cell, labels: dict[str, str | int | float]
@@ -134,15 +138,7 @@ class ClosedLoop(Suite):
         """Measure a run; or carry a plan out on the plants of its task."""
         labels, request = question.labels, question.request
         if isinstance(request, SimulateRequest):
-            assert request.target_state
-            (run,) = answer.content["runs"]
-            states = np.array(run["states"])
-            us = 1e3 * answer.compute_ms / STEPS
-            midway, final = states[list(question.kept_steps).index(MIDWAY)], states[-1]
-            settling = run.get("settling_step", STEPS)
-            energy, hunting = run["control_energy"], run["hunting"]
-            measured = _measures(midway, final, request.target_state[0], settling, hunting, energy)
-            return [{**labels, **measured, "us": us, "states": states}]
+            return [{**labels, **measures_of(question, request, answer)}]
         assert isinstance(request, PlanRequest)
         return [
             {**labels, "run": number, **self._open_loop(request, system, answer)}
@@ -166,7 +162,10 @@ class ClosedLoop(Suite):
         states = runs.states[0]
         settling, hunting = int(runs.settling_steps[0]), bool(runs.hunting[0])
         energy = float(runs.energies[0])
-        measured = _measures(states[MIDWAY], states[-1], target, settling, hunting, energy)
+        step = System().time_step
+        measured = measures(
+            states[MIDWAY], states[-1], target, settling * step, hunting=hunting, energy=energy
+        )
         return measured | {"us": np.nan, "states": states}
 
     def report(self, data: pd.DataFrame) -> Parts:
@@ -189,17 +188,10 @@ class ClosedLoop(Suite):
                 f"interval over the tasks; the same after {STEPS} steps; settling time, share that "
                 "hunts, energy, and the service's time for a step (µs).",
                 cases_of(chosen, taking_part(chosen, self.size.entrants)),
-                grid.mean("Error", "midway_mm", 2),
-                grid.share("Inside", "midway_inside", 1),
-                grid.less("Less the law", "midway_inside", SWITCHING, 3),
-                grid.mean("Error at the end", "final_mm", 3),
-                grid.share("Inside at the end", "final_inside", 1),
-                grid.median("Settling (s)", "settling_s", 2),
-                grid.share("Hunting", "hunting", 1),
-                grid.mean("Energy", "energy", 1),
-                grid.Column("Step (µs)", _microseconds),
+                *columns(grid.less("Less the law", "midway_inside", SWITCHING, 3)),
                 part=f"{round(100 * cell.share)}-{cell.circumstances}",
             )
+        yield from machine_report(data, self.size)
         yield self._laws(data)
         yield self._picture(data)
 
@@ -244,12 +236,6 @@ class ClosedLoop(Suite):
         )
 
 
-def _microseconds(case: Case) -> str:
-    """Write what a step takes the service; open loops have none."""
-    us = float(np.median(case.values("us")))
-    return "" if np.isnan(us) else f"{us:.1f}"
-
-
 def _plan(entrant: Entrant, cell: Cell, task: Task, num_candidates: int, seed: int) -> PlanRequest:
     """Return the request for an open loop: a nominal plan, or one for all that may be."""
     asking = entrant
@@ -258,25 +244,3 @@ def _plan(entrant: Entrant, cell: Cell, task: Task, num_candidates: int, seed: i
     request = asking.request(task, num_candidates, seed)
     assert isinstance(request, PlanRequest)
     return request
-
-
-def _measures(
-    midway: FloatArray,
-    final: FloatArray,
-    target: float,
-    settling_step: int,
-    hunting: bool,
-    energy: float,
-) -> dict[str, float]:
-    """Return the measures of a run."""
-    row: dict[str, float] = {
-        "settling_s": System().time_step * min(settling_step, STEPS),
-        "hunting": float(hunting),
-        "energy": energy,
-    }
-    for when, (position, velocity) in (("midway", midway), ("final", final)):
-        error = abs(float(position) - target)
-        is_slow = abs(float(velocity)) < POSITION_TOLERANCE
-        row[f"{when}_mm"] = 1e3 * error
-        row[f"{when}_inside"] = float(error < POSITION_TOLERANCE and is_slow)
-    return row

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from app.compilation import compiled
-from app.planning.arrays import FloatArray, copy_into
+from app.planning.arrays import copy_into
 from app.planning.control.base import Law
 from app.planning.control.memory import MAX_PLAN, PLAN_AGE, PLAN_LENGTH, Memory
 from app.planning.control.settings import RECEDING_HORIZON, Settings
@@ -64,10 +64,12 @@ def make_plan(
     steps_left: int,
     settings: Settings,
     memory: Memory,
-    plants: FloatArray,
+    ensemble: Scenarios,
     stopped: Flag,
 ) -> float:
     """Plan from the task's start, into `memory`; return the terminal error, m.
+
+    For an ensemble that is the error before the plan was made robust: how near one comes at all.
 
     The plan that is there, from the control that is due on, is descended first. Where it does not
     arrive, full control that is switched in time is descended as well.
@@ -76,8 +78,8 @@ def make_plan(
         task: start, target and the plant that is believed.
         steps_left: until the deadline; negative without one.
         settings: of the controller.
-        plants: (S, parameters), over which the mean squared error is descended; none: only the
-            task's.
+        ensemble: the task on the plants over which the mean squared error is descended; none of
+            them: only the task's plant.
         memory: with the plan before; a plan that is new has age 0.
         stopped: ends it early.
     """
@@ -107,11 +109,9 @@ def make_plan(
         if other_error < error:
             error = other_error
             copy_into(warm, other)
-    if len(plants) > 0:
-        scenarios = Scenarios(plants, np.empty((len(plants), 2)), task.target_position, 0.0)
-        scenarios.states[:, 0], scenarios.states[:, 1] = task.position, task.velocity
-        descend_risk(warm, scenarios, float(len(plants)), True, settings.iterations, stopped)
-        error = terminal_error_of(warm, task)
+    num_plants = len(ensemble.plants)
+    if num_plants > 0:
+        descend_risk(warm, ensemble, float(num_plants), True, settings.iterations, stopped)
     elif settings.saves_energy:
         error = descend(warm, task, False, DESCENTS, stopped)[0]
     copy_into(memory.plan[:horizon], warm)

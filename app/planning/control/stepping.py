@@ -33,6 +33,7 @@ from app.planning.plant.rollout import step
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
 from app.planning.stop import Flag
+from app.planning.uncertainty.ensemble import Scenarios, scenario
 
 MOVING, HOLDING, ARRIVED, UNREACHABLE = range(4)
 """What a step says of itself."""
@@ -175,7 +176,8 @@ def run(
         task = Task(position, velocity, target, 0.0, plant)
         record.errors[k] = math.nan
         if _plan_is_due(task, settings, memory):
-            error = make_plan(task, steps_left, settings, memory, plants, stopped)
+            ensemble = _on_each(plants, memory, known, target)
+            error = make_plan(task, steps_left, settings, memory, ensemble, stopped)
             record.errors[k] = memory.registers[PLAN_ERROR] = error
             memory.registers[TARGET] = target
         control, record.statuses[k] = _choose(task, steps_left, settings, memory)
@@ -193,6 +195,19 @@ def run(
         position, velocity = step(record.states[k, 0], record.states[k, 1], disturbed, truth)
         record.states[k + 1, 0], record.states[k + 1, 1] = position, velocity
         _measure(k + 1, machine, record)
+
+
+@compiled
+def _on_each(plants: FloatArray, memory: Memory, pending: FloatArray, target: float) -> Scenarios:
+    """Return the task of each plant: from where it is after the pending controls."""
+    scenarios = Scenarios(plants, np.empty((len(plants), 2)), target, 0.0)
+    for s in range(len(plants)):
+        position, velocity = memory.mean[POSITION], memory.mean[VELOCITY]
+        plant = scenario(scenarios, s).plant
+        for control in pending:
+            position, velocity = step(position, velocity, control, plant)
+        scenarios.states[s, 0], scenarios.states[s, 1] = position, velocity
+    return scenarios
 
 
 @compiled

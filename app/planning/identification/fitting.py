@@ -32,17 +32,20 @@ NUM_BLOCKS = 25
 """Of a log, whose likelihoods' slopes tell whether a posterior is too narrow."""
 FIRST_EXCESSES = (0.1, 0.4)
 """Of static over Coulomb friction, that a start may have."""
-FIRST_NOISES = (0.05, 0.3)
-"""Of the random acceleration over what controls do, that a start may have."""
+FIRST_NOISE = 0.3
+"""Of the random acceleration over what controls do, that starts have: they are rough."""
 EXCESS_FACTORS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 """Of static over Coulomb friction, that a search may have missed."""
 NOISE_FACTORS = (1.0, 0.2, 0.04)
 """Of the random acceleration, likewise."""
+NEARBY = 0.1
+"""Of the unknowns' widths: where to look once the likeliest of a simpler plant, or of one across a
+ridge, is known."""
 MOST_RIDGES = 4
 POPULATION = 4
 """For each unknown: fewer stop in valleys that are not the deepest."""
 GENERATIONS = 200
-CHAIN_GENERATIONS = 24
+CHAIN_GENERATIONS = 16
 """For each unknown: fewer leave the chains where they began, and intervals too narrow."""
 
 
@@ -89,21 +92,20 @@ class Fit:
             damping = min(max(guess.viscous_damping, 0.0), 0.5 / self.space.base.time_step)
             bias = float(np.clip(guess.bias, -coulomb, coulomb))
             for excess in FIRST_EXCESSES:
-                for noise in FIRST_NOISES:
-                    values = {
-                        GAIN: guess.control_gain,
-                        BIAS: bias,
-                        NOISES[0]: noise * scale.acceleration,
-                        NOISES[1]: 1.01 * log.position_noise,
-                        NOISES[2]: 1.01 * (log.velocity_noise or 1.0),
-                    }
-                    # Where it may not be a bias, it is a friction that differs by direction.
-                    shift = 0.0 if self.space.fixed_bias is None else bias
-                    for way, sign in zip(DIRECTIONS, (-1.0, 1.0), strict=True):
-                        values[f"{COULOMB}.{way}"] = coulomb + sign * shift
-                        values[f"{STATIC}.{way}"] = (1.0 + excess) * coulomb + sign * shift
-                        values[f"{DAMPING}.{way}"] = damping
-                    points.append(self.space.point(values))
+                values = {
+                    GAIN: guess.control_gain,
+                    BIAS: bias,
+                    NOISES[0]: FIRST_NOISE * scale.acceleration,
+                    NOISES[1]: 1.01 * log.position_noise,
+                    NOISES[2]: 1.01 * (log.velocity_noise or 1.0),
+                }
+                # Where it may not be a bias, it is a friction that differs by direction.
+                shift = 0.0 if self.space.fixed_bias is None else bias
+                for way, sign in zip(DIRECTIONS, (-1.0, 1.0), strict=True):
+                    values[f"{COULOMB}.{way}"] = coulomb + sign * shift
+                    values[f"{STATIC}.{way}"] = (1.0 + excess) * coulomb + sign * shift
+                    values[f"{DAMPING}.{way}"] = damping
+                points.append(self.space.point(values))
         return np.array(points)
 
     def climb(
@@ -124,7 +126,7 @@ class Fit:
             spread=start.size,
         )
 
-    def settle(self, found: Found, share: float, rng: np.random.Generator) -> Found:
+    def settle(self, found: Found, rng: np.random.Generator) -> Found:
         """Go on from where a search ended, as long as the likelihood is greater across a ridge.
 
         Much random acceleration explains late break-aways by chance, where another static friction
@@ -136,7 +138,7 @@ class Fit:
             best = int(np.argmax(values))
             if values[best] <= found.value:
                 break
-            found = self.climb(points[best], self.around(share), rng)
+            found = self.climb(points[best], self.around(NEARBY), rng)
         return found
 
     def _across_ridges(self, x: FloatArray) -> FloatArray:

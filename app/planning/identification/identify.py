@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.planning.arrays import FloatArray
+from app.planning.identification.directions import by_direction
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
-from app.planning.identification.log import LEAST_STEPS, Log, UnusableLog
+from app.planning.identification.log import Log
+from app.planning.identification.log_checks import LEAST_STEPS, UnusableLog
 from app.planning.identification.parameters import BIAS, COULOMB, Space
 from app.planning.identification.starts import guesses, scale_of
 from app.planning.identification.verdict import Identification, judge
@@ -25,7 +27,10 @@ MOST_DELAY = 8
 DELAYS_TRIED = 3
 """Of them, those that are climbed for a little."""
 DELAYS_LEFT = 2
-DELAY_GENERATIONS = 16
+DELAY_GENERATIONS = 8, 16
+"""Of the search for each of them, and of those that are left."""
+FAR_BEHIND = 100.0
+"""Log-likelihoods by which a delay is out after the first of these searches."""
 MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
@@ -35,10 +40,8 @@ APART_SECONDS = 0.08
 """Between measurements, where their noise does not matter."""
 UNEXPLAINED = 0.05
 """Of the accelerations in a log: what a plant is not expected to explain."""
-DIRECTION_GENERATIONS = 70
-BROAD, NEARBY = 0.2, 0.1
-"""Of the unknowns' widths: where a search begins to look, and where frictions by direction are
-looked for once those that are the same both ways are known."""
+BROAD = 0.2
+"""Of the unknowns' widths: where a search begins to look."""
 LEAST_THRESHOLD = 0.01
 """Of the speeds in a log: no threshold of rest is above that."""
 EVALUATIONS = 15000
@@ -90,10 +93,10 @@ def identify(
     delay, begun, rival = _delay(log, question, stride, rng, stop)
     acting = log.delayed(delay)
     fit = Fit.of(_space(acting, question.known), acting, stride, stop)
-    likeliest = fit.settle(fit.climb(begun.best, begun.covariance, rng), NEARBY, rng)
+    likeliest = fit.settle(fit.climb(begun.best, begun.covariance, rng), rng)
     if question.by_direction is not False:
         is_asked_for = question.by_direction is True
-        fit, likeliest = _by_direction(fit, likeliest, rng, is_asked_for=is_asked_for)
+        fit, likeliest = by_direction(fit, likeliest, rng, is_asked_for=is_asked_for)
     sample = fit.sample(likeliest, rng)
     identified = judge(fit, acting, likeliest, sample, question.num_systems, rng)
     warnings = list(identified.warnings)
@@ -169,14 +172,16 @@ def _delay(
         raise UnusableLog("known", "no machine that is known to be so moves as in this log")
     begun.sort(key=lambda each: -each.value)
     climbed = [
-        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS), each)
+        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS[0]), each)
         for each in begun[:DELAYS_TRIED]
     ]
     # Once more for those that lead.
     climbed.sort(key=lambda each: -each[0].value)
+    leading = climbed[0][0].value
     climbed = [
-        (each.fit.climb(found.best, found.covariance, rng, DELAY_GENERATIONS), each)
+        (each.fit.climb(found.best, found.covariance, rng, DELAY_GENERATIONS[1]), each)
         for found, each in climbed[:DELAYS_LEFT]
+        if found.value > leading - FAR_BEHIND
     ]
     climbed.sort(key=lambda each: -each[0].value)
     (found, first), *others = climbed
@@ -211,37 +216,3 @@ def _space(log: Log, known: Mapping[str, Any]) -> Space:
         least_noise=log.least_noise,
         with_velocities=log.velocities is not None,
     )
-
-
-def _by_direction(
-    fit: Fit, same: Found, rng: np.random.Generator, *, is_asked_for: bool
-) -> tuple[Fit, Found]:
-    """Return the fit with frictions by direction where that is asked for, or told by the log.
-
-    A bias and frictions that differ by the same in the other sense move a mass alike: the bias is
-    left at zero, or where that would make a friction negative, where it is.
-    """
-    space = fit.space
-    values = {name: float(value[0]) for name, value in space.values(same.best[np.newaxis]).items()}
-    fixed = None
-    if BIAS not in space.known:
-        takes_it = abs(values[BIAS]) < 0.8 * values[f"{COULOMB}.forward"]
-        fixed = 0.0 if takes_it and COULOMB not in space.known else values[BIAS]
-    base = space.base._replace(bias=fixed) if fixed is not None else space.base
-    other = Fit(
-        replace(space, by_direction=True, fixed_bias=fixed, base=base), fit.record, fit.stop
-    )
-    if other.space.names == space.names:
-        return fit, same
-    shift = values[BIAS] - (fixed if fixed is not None else values[BIAS])
-    for field_name in (COULOMB, "static_friction"):
-        values[f"{field_name}.forward"] -= shift
-        values[f"{field_name}.backward"] += shift
-    start = other.space.point(values)
-    found = other.climb(start, other.around(NEARBY), rng, DIRECTION_GENERATIONS)
-    # Schwarz's criterion; a log that is badly explained has to say it more clearly.
-    measurements = fit.record.controls.size / fit.record.stride
-    more = len(other.space.names) - len(space.names)
-    if is_asked_for or found.value - same.value > 0.5 * (more + 1) * np.log(measurements):
-        return other, other.climb(found.best, found.covariance, rng)
-    return fit, same

@@ -6,13 +6,8 @@ import numpy as np
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
-from app.planning.identification.stick_slip_filter import (
-    mean_state,
-    predict,
-    started,
-    update_position,
-    update_velocity,
-)
+from app.planning.identification.measurement_update import update_position, update_velocity
+from app.planning.identification.stick_slip_filter import mean_state, predict, started
 from app.planning.uncertainty.ensemble import Scenarios, scenario
 
 

@@ -1,6 +1,7 @@
-"""A log of a machine, checked: what cannot be a log of one machine in motion is refused here.
+"""A log of a machine, and what is seen of its noise.
 
-What follows from a log that can be one is for the others to say.
+What cannot be a log of one machine in motion is refused in log_checks.py; what follows from one
+that can be is for the others to say.
 """
 
 from dataclasses import dataclass, replace
@@ -9,41 +10,14 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.identification.likelihood import Record
-from app.planning.plant.system import SMALLEST
+from app.planning.identification.log_checks import check_motion, check_series, check_time_step
 
-LEAST_STEPS = 30
-"""Fewer samples than this say nothing about five parameters and their noise."""
-LEAST_TIME_STEP, MOST_TIME_STEP = 1e-5, 5.0
-"""s: no controller is faster, no machine with friction moves so slowly."""
-FASTEST = 100.0
-"""m/s or rad/s: as good as sure that positions are in mm, or time steps in ms."""
-SLOWEST = 1e-7
-"""m/s: as good as sure that time steps are in ms, or positions in km."""
-JUMP = 20.0
-"""An acceleration so many times as large as that of nearly all other steps is none."""
-MOVES = 4.0
-"""A machine has moved if its positions differ by so many times their noise."""
-INCONSISTENT = 0.2
-"""By what share velocities may differ from what positions say."""
 WINDOW_STARTS = 3
 """Steps over which the velocity at the start is looked at."""
 NORMAL_MEDIAN = 0.6745
 """Of the absolute values of a normal distribution, in standard deviations."""
 FLOOR = 1e-7
 """Of the range of the positions: no sensor is taken for better."""
-
-
-class UnusableLog(ValueError):
-    """From this log nothing follows; the message says why.
-
-    Args:
-        field: that is at fault: time_step, controls, positions or velocities.
-        message: in words.
-    """
-
-    def __init__(self, field: str, message: str) -> None:
-        super().__init__(message)
-        self.field = field
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +51,12 @@ class Log:
             UnusableLog: it cannot be a log of one machine in motion.
         """
         log = cls(time_step, controls, positions, velocities)
-        _check_time_step(time_step)
-        _check_series(log)
+        check_time_step(time_step)
+        check_series(log)
         if len(positions) == len(controls):
             # The last control shows in nothing that was measured.
             log = replace(log, controls=controls[:-1])
-        _check_motion(log)
+        check_motion(log)
         return log
 
     @property
@@ -156,119 +130,3 @@ def _noise_of(values: FloatArray) -> float:
     20 times as large as itself, and half of them less than 0.6745 of their standard deviation.
     """
     return float(np.median(np.abs(np.diff(values, 3))) / NORMAL_MEDIAN / np.sqrt(20.0))
-
-
-def _check_time_step(time_step: float) -> None:
-    if not LEAST_TIME_STEP <= time_step <= MOST_TIME_STEP:
-        raise UnusableLog(
-            "time_step",
-            f"{time_step:g} s lies beyond {LEAST_TIME_STEP:g} to {MOST_TIME_STEP:g} s; is it in "
-            "another unit?",
-        )
-
-
-def _check_series(log: Log) -> None:
-    """Refuse what is not a series of numbers, or constant."""
-    series = {"controls": log.controls, "positions": log.positions}
-    if log.velocities is not None:
-        series["velocities"] = log.velocities
-    for field, values in series.items():
-        wrong = np.flatnonzero(~np.isfinite(values))
-        if wrong.size:
-            raise UnusableLog(
-                field,
-                f"{wrong.size} of {len(values)} are not finite numbers, the first at index "
-                f"{wrong[0]}",
-            )
-    samples, steps = len(log.positions), len(log.controls)
-    if not steps <= samples <= steps + 1:
-        raise UnusableLog(
-            "positions",
-            f"there are {samples} positions to {steps} controls; there must be one to each, or one "
-            "more",
-        )
-    if log.velocities is not None and len(log.velocities) != samples:
-        raise UnusableLog(
-            "velocities", f"there are {len(log.velocities)} velocities to {samples} positions"
-        )
-    if steps < LEAST_STEPS:
-        raise UnusableLog("controls", f"{steps} steps are too few; {LEAST_STEPS} are the least")
-    if np.ptp(log.controls) == 0.0:
-        raise UnusableLog(
-            "controls",
-            f"the control is {log.controls[0]:g} throughout; what it does cannot be told from what "
-            "else there is",
-        )
-    if np.max(np.abs(log.controls)) < SMALLEST:
-        raise UnusableLog(
-            "controls",
-            f"the largest is {np.max(np.abs(log.controls)):.2g}; take a smaller unit of control",
-        )
-    if np.ptp(log.positions) == 0.0:
-        raise UnusableLog(
-            "positions", f"the position is {log.positions[0]:g} throughout; nothing moved"
-        )
-
-
-def _check_motion(log: Log) -> None:
-    """Refuse what does not move, moves as no machine does, or is two logs in one."""
-    positions, step = log.positions, log.time_step
-    noise = log.position_noise
-    # Of means: noise alone has a range of several standard deviations.
-    few = max(2, min(10, log.num_steps // 20))
-    means = np.convolve(positions, np.full(few, 1.0 / few), mode="valid")
-    if np.ptp(means) < MOVES * noise:
-        raise UnusableLog(
-            "positions",
-            f"nothing moved: positions differ by {np.ptp(means):.2g}, and their noise is about "
-            f"{noise:.2g}",
-        )
-    changes = np.diff(positions)
-    bends = np.abs(np.diff(changes))
-    worst = int(np.argmax(bends))
-    usual = max(float(np.quantile(np.delete(bends, _near(worst, bends.size)), 0.99)), 4.0 * noise)
-    if bends[worst] > JUMP * usual:
-        at = worst + 1 if abs(changes[worst + 1]) > abs(changes[worst]) else worst
-        raise UnusableLog(
-            "positions",
-            f"the position jumps from {positions[at]:.6g} to {positions[at + 1]:.6g} at index "
-            f"{at + 1}, as nothing that has a mass does: is it two logs in one, or a sample gone "
-            "wrong?",
-        )
-    speed = float(np.quantile(np.abs(changes), 0.95)) / step
-    if speed > FASTEST or np.max(np.abs(changes)) / step < SLOWEST:
-        raise UnusableLog(
-            "positions",
-            f"a speed of {speed:.2g} m/s (or rad/s) is no machine's with friction: are positions "
-            "in another unit than m, or the time step in another than s?",
-        )
-    if log.velocities is not None:
-        _check_velocities(log)
-
-
-def _near(index: int, size: int) -> list[int]:
-    return [i for i in range(index - 2, index + 3) if 0 <= i < size]
-
-
-def _check_velocities(log: Log) -> None:
-    """Refuse velocities that the positions contradict."""
-    assert log.velocities is not None
-    # Over as many steps as noise asks for.
-    span = max(1, log.num_steps // 50)
-    changes = (log.positions[span:] - log.positions[:-span]) / log.time_step
-    sums = np.concatenate([[0.0], np.cumsum(log.velocities)])
-    # Semi-implicit: a position is the one before and the velocity after the step.
-    travelled = sums[span + 1 :] - sums[1:-span]
-    explained = float(np.dot(changes, travelled))
-    of_positions, of_velocities = float(np.dot(changes, changes)), float(travelled @ travelled)
-    if of_velocities == 0.0 or explained**2 < 0.5 * of_positions * of_velocities:
-        raise UnusableLog(
-            "velocities", "they do not go with how the positions change: is it the same axis?"
-        )
-    ratio = explained / of_positions
-    if not 1.0 - INCONSISTENT <= ratio <= 1.0 + INCONSISTENT:
-        raise UnusableLog(
-            "velocities",
-            f"they are {ratio:.3g} times what the positions change by in {log.time_step:g} s: are "
-            "both in the same unit, and is the time step right?",
-        )

@@ -1,7 +1,9 @@
 """The unknowns of a fit: what is searched for, in which coordinates, and the plants that they are.
 
 Static friction is Coulomb friction and an excess, gain and noise are logarithms: every point within
-the bounds is a plant.
+the bounds is a plant. Frictions and bias are those over the gain, in units of control: with another
+gain the same controls set the mass off, where otherwise a search along the valley of gain, friction
+and damping would have to cross a ridge at every break-away.
 """
 
 from dataclasses import dataclass
@@ -16,11 +18,16 @@ DIRECTIONS = ("forward", "backward")
 GAIN, BIAS = "control_gain", "bias"
 COULOMB, STATIC, DAMPING = "coulomb_friction", "static_friction", "viscous_damping"
 FRICTIONS = (COULOMB, STATIC, DAMPING)
+OVER_GAIN = {COULOMB, STATIC, BIAS}
 COLUMNS = {COULOMB: "coulomb", STATIC: "static", DAMPING: "damping"}
 NOISES = ("acceleration_noise", "position_noise", "velocity_noise")
 EXCESS_SHARE = 0.5
 """Of Coulomb friction: what static friction is expected to exceed it by, where a log says nothing;
 an exponential prior of that mean, which any log that shows break-aways outweighs."""
+EXPECTED_DRAG = 0.1
+"""Of what controls do to the mass: what viscous damping takes at the speeds of a log, where the log
+says nothing; an exponential prior of that mean. A log of slow motion, or one that random forces
+disturb, does not tell damping: any much of it would do, and plans go faster than the log."""
 EXPECTED_BIAS = 0.3
 """Of what controls do to the mass: the standard deviation of a normal prior. A log of one direction
 cannot tell a bias from friction."""
@@ -88,8 +95,10 @@ class Space:
         # A search may look anywhere.
         given |= {name: np.exp(np.clip(given[name], -MOST_LOG, MOST_LOG)) for name in logarithms}
         count = len(x)
+        gain = given.get(GAIN, np.full(count, self.base.control_gain))
+        given |= {name: given[name] * gain for name in given if _field(name) in OVER_GAIN}
         values: dict[str, FloatArray] = {
-            GAIN: given.get(GAIN, np.full(count, self.base.control_gain)),
+            GAIN: gain,
             BIAS: given.get(BIAS, np.full(count, self.base.bias)),
         }
         for field in (COULOMB, DAMPING, STATIC):
@@ -111,35 +120,41 @@ class Space:
 
     def point(self, values: dict[str, float]) -> FloatArray:
         """Return x (d,) of parameters by the names of `values`; of both directions the first."""
+        gain = values[GAIN] if GAIN in self.names else self.base.control_gain
         x = []
         for name in self.names:
             field, _, way = name.partition(".")
+            way = way or DIRECTIONS[0]
             if name in (GAIN, *NOISES):
                 x.append(np.log(values[name]))
             elif field == STATIC:
-                way = way or DIRECTIONS[0]
-                x.append(values[f"{STATIC}.{way}"] - values[f"{COULOMB}.{way}"])
-            elif field in FRICTIONS:
-                x.append(values[f"{field}.{way or DIRECTIONS[0]}"])
+                x.append((values[f"{STATIC}.{way}"] - values[f"{COULOMB}.{way}"]) / gain)
+            elif field == COULOMB:
+                x.append(values[f"{COULOMB}.{way}"] / gain)
+            elif field == DAMPING:
+                x.append(values[f"{DAMPING}.{way}"])
             else:
-                x.append(values[name])
+                x.append(values[BIAS] / gain)
         return np.array(x)
 
     @property
     def widths(self) -> FloatArray:
         """How far the unknowns may be from a first guess, (d,): standard deviations."""
         scale = self.scale
+        control = scale.control
+        if GAIN in self.known:
+            control = scale.acceleration / self.base.control_gain
         of = {
             GAIN: 0.2,
-            COULOMB: 0.15 * scale.acceleration,
-            STATIC: 0.1 * scale.acceleration,
+            COULOMB: 0.15 * control,
+            STATIC: 0.1 * control,
             DAMPING: 0.15 * scale.acceleration / scale.velocity,
-            BIAS: 0.1 * scale.acceleration,
+            BIAS: 0.1 * control,
             NOISES[0]: 1.0,
             NOISES[1]: 0.5,
             NOISES[2]: 0.5,
         }
-        return np.array([of[name.partition(".")[0]] for name in self.names])
+        return np.array([of[_field(name)] for name in self.names])
 
     def plants(self, x: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return plants (N, parameters), noises (N, 3), and which of both can be, of points (N, d).
@@ -184,15 +199,25 @@ class Space:
         return possible
 
     def log_prior(self, x: FloatArray) -> FloatArray:
-        """Return the logarithm of the prior density of points (N, d), up to a constant."""
+        """Return the logarithm of the prior density of points (N, d), up to a constant.
+
+        It is one of frictions and bias themselves: over the gain they are as much denser.
+        """
         values = self.values(x)
         # Flat in the random acceleration: its logarithm would go down for ever where there is none.
         prior = np.log(np.maximum(values[NOISES[0]], 1e-300))
+        num_over_gain = sum(_field(name) in OVER_GAIN for name in self.names)
+        prior += num_over_gain * np.log(values[GAIN])
         if BIAS not in self.known and self.fixed_bias is None:
             prior -= 0.5 * (values[BIAS] / (EXPECTED_BIAS * self.scale.acceleration)) ** 2
+        ways = DIRECTIONS[: 1 + self.by_direction]
+        if DAMPING not in self.known:
+            expected_drag = EXPECTED_DRAG * self.scale.acceleration
+            for way in ways:
+                prior -= values[f"{DAMPING}.{way}"] * self.scale.velocity / expected_drag
         if STATIC in self.known:
             return prior
-        for way in DIRECTIONS[: 1 + self.by_direction]:
+        for way in ways:
             coulomb = np.maximum(values[f"{COULOMB}.{way}"], 0.0)
             expected = EXCESS_SHARE * (coulomb + 0.02 * self.scale.acceleration)
             prior -= (values[f"{STATIC}.{way}"] - coulomb) / expected + np.log(expected)
@@ -217,3 +242,8 @@ class Space:
             time_step=self.base.time_step,
             velocity_threshold=self.base.velocity_threshold,
         )
+
+
+def _field(name: str) -> str:
+    """Return the field of `System` that an unknown is of; its own name, if it is a noise."""
+    return name.partition(".")[0]

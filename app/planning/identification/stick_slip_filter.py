@@ -1,8 +1,8 @@
-"""A Kalman filter through the stick-slip step: one prediction, one update.
+"""A Kalman filter through the stick-slip step: what is believed, and the prediction of a step.
 
 The mass is either at rest or sliding, each with a probability and a Gaussian of its own (an
 interacting multiple model filter, Blom and Bar-Shalom 1988); the modes pass into each other as the
-friction law has it. Nothing here knows a log, or what the likelihood is for.
+friction law has it. How a measurement is taken into account is in measurement_update.py.
 """
 
 import math
@@ -19,9 +19,6 @@ LEAST_PROBABILITY = 1e-9
 TINY = 1e-300
 ROOT_HALF = math.sqrt(0.5)
 LOG_2_PI = math.log(2.0 * math.pi)
-OUTLIER = 25.0
-"""Squared innovations, in variances, above which they count less and less (they grow with the
-logarithm): one wrong sample must not outweigh a thousand."""
 
 
 class Mode(NamedTuple):
@@ -88,12 +85,12 @@ def predict(belief: Belief, control: float, plant: Plant, noise: float) -> Belie
     goes_on, stops = _slid(belief.sliding, control, plant, noise)
     rest = belief.rest
     if rest.probability == 0.0:
-        return _normalised(stops, goes_on)
+        return normalised(stops, goes_on)
     set_off = _set_off(rest, control, plant, noise)
     stays = Mode(
         rest.probability - set_off.probability, rest.position, 0.0, rest.position_variance, 0.0, 0.0
     )
-    return _normalised(_merged(stays, stops), _merged(set_off, goes_on))
+    return normalised(_merged(stays, stops), _merged(set_off, goes_on))
 
 
 @inlined
@@ -211,7 +208,7 @@ def _between(one: float, other: float, share: float) -> float:
 
 
 @inlined
-def _normalised(rest: Mode, sliding: Mode) -> Belief:
+def normalised(rest: Mode, sliding: Mode) -> Belief:
     """Return both with probabilities that add up to 1; what is as good as none is none."""
     if rest.probability == 0.0 and sliding.probability == 1.0:
         return Belief(rest, sliding)
@@ -220,107 +217,11 @@ def _normalised(rest: Mode, sliding: Mode) -> Belief:
         probability = 1.0
     elif probability < LEAST_PROBABILITY:
         probability = 0.0
-    return Belief(_of(probability, rest), _of(1.0 - probability, sliding))
+    return Belief(of_probability(probability, rest), of_probability(1.0 - probability, sliding))
 
 
 @inlined
-def update_position(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
-    """Return the belief once a position was measured, and the measurement's log-likelihood.
-
-    Args:
-        belief: before.
-        measured: m.
-        noise: standard deviation of the measurement, m.
-    """
-    rest, rest_likely = _at_position(belief.rest, measured, noise)
-    sliding, sliding_likely = _at_position(belief.sliding, measured, noise)
-    return _weighed(rest, rest_likely, sliding, sliding_likely)
-
-
-@inlined
-def update_velocity(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
-    """Return the belief once a velocity was measured, and the measurement's log-likelihood.
-
-    Args:
-        belief: before.
-        measured: m/s.
-        noise: standard deviation of the measurement, m/s.
-    """
-    rest, rest_likely = _at_velocity(belief.rest, measured, noise)
-    sliding, sliding_likely = _at_velocity(belief.sliding, measured, noise)
-    return _weighed(rest, rest_likely, sliding, sliding_likely)
-
-
-@inlined
-def _at_position(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
-    """Return a mode once a position was measured, and the measurement's log-likelihood."""
-    if mode.probability == 0.0:
-        return mode, 0.0
-    variance = mode.position_variance + noise * noise
-    innovation = measured - mode.position
-    inverse = 1.0 / variance
-    gain, gain_of_velocity = mode.position_variance * inverse, mode.covariance * inverse
-    return (
-        Mode(
-            mode.probability,
-            mode.position + gain * innovation,
-            mode.velocity + gain_of_velocity * innovation,
-            gain * noise * noise,
-            gain_of_velocity * noise * noise,
-            mode.velocity_variance - gain_of_velocity * mode.covariance,
-        ),
-        _log_density(innovation * innovation * inverse, variance),
-    )
-
-
-@inlined
-def _at_velocity(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
-    """Return a mode once a velocity was measured, and the measurement's log-likelihood."""
-    if mode.probability == 0.0:
-        return mode, 0.0
-    variance = mode.velocity_variance + noise * noise
-    innovation = measured - mode.velocity
-    inverse = 1.0 / variance
-    gain, gain_of_position = mode.velocity_variance * inverse, mode.covariance * inverse
-    return (
-        Mode(
-            mode.probability,
-            mode.position + gain_of_position * innovation,
-            mode.velocity + gain * innovation,
-            mode.position_variance - gain_of_position * mode.covariance,
-            gain_of_position * noise * noise,
-            gain * noise * noise,
-        ),
-        _log_density(innovation * innovation * inverse, variance),
-    )
-
-
-@inlined
-def _log_density(square: float, variance: float) -> float:
-    """Return the logarithm of a normal density, with heavier tails far out."""
-    if square > OUTLIER:
-        square = OUTLIER * (1.0 + math.log(square / OUTLIER))
-    return -0.5 * (math.log(variance) + square + LOG_2_PI)
-
-
-@inlined
-def _weighed(
-    rest: Mode, rest_likely: float, sliding: Mode, sliding_likely: float
-) -> tuple[Belief, float]:
-    """Weigh both modes by how likely they made the measurement; say how likely both together do."""
-    if rest.probability == 0.0:
-        return Belief(rest, sliding), sliding_likely
-    if sliding.probability == 0.0:
-        return Belief(rest, sliding), rest_likely
-    most = max(rest_likely, sliding_likely)
-    at_rest = rest.probability * math.exp(rest_likely - most)
-    in_motion = sliding.probability * math.exp(sliding_likely - most)
-    belief = _normalised(_of(at_rest, rest), _of(in_motion, sliding))
-    return belief, most + math.log(at_rest + in_motion)
-
-
-@inlined
-def _of(probability: float, mode: Mode) -> Mode:
+def of_probability(probability: float, mode: Mode) -> Mode:
     """Return a mode with another probability."""
     return Mode(
         probability,

@@ -5,21 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.planning.arrays import BoolArray, FloatArray
-from app.planning.identification.advice import advise, why_not_told
+from app.planning.identification.advice import advise
 from app.planning.identification.estimate import Parameter
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
-from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.intervals import estimates, key_of
+from app.planning.identification.log import Log
+from app.planning.identification.log_checks import UnusableLog
 from app.planning.identification.motion import Motion
-from app.planning.identification.parameters import BIAS, COULOMB, NOISES, STATIC
+from app.planning.identification.parameters import NOISES
 from app.planning.identification.posterior import Sample, inflation
 from app.planning.identification.prediction import Trace, Windows
 from app.planning.plant.system import ControlLimits, Plant, System
 
-COVERED = 0.95
-"""By the intervals."""
-TOUCHING = 0.1
-"""An interval that begins at less than this share of its end begins at nothing."""
 LEAST_R2 = 0.3
 """Where less of the motion is explained, the plant is not of this kind."""
 GOOD_R2 = 0.9
@@ -115,7 +113,7 @@ def judge(
         )
     overall, _ = inflation(sample)
     wider = float(np.sqrt(max(1.0, overall)))
-    parameters = _parameters(fit, middle, sample, wider, motion, quality)
+    parameters = estimates(fit, middle, sample, wider, motion, quality.condition_number)
     limits = _limits(space.base)
     return Identification(
         system=space.system(middle, limits),
@@ -164,69 +162,13 @@ def _quality(
 
 def _condition_number(fit: Fit, sample: Sample) -> float:
     """Return that of the correlations of the plant's parameters over the sample."""
-    of_plant = [name not in NOISES for name in fit.space.names]
-    points = sample.points[:, of_plant]
-    points = points[:, points.std(axis=0) > 0.0]
-    if len(points[0]) <= 1:
+    values = fit.space.values(sample.points)
+    names = [name for name in fit.space.names if name not in NOISES]
+    columns = [values[key_of(name, values)] for name in names]
+    columns = [column for column in columns if column.std() > 0.0]
+    if len(columns) <= 1:
         return 1.0
-    return float(np.linalg.cond(np.corrcoef(points.T)))
-
-
-def _parameters(
-    fit: Fit,
-    middle: FloatArray,
-    sample: Sample,
-    wider: float,
-    motion: Motion,
-    quality: Quality,
-) -> tuple[Parameter, ...]:
-    """Return the estimates of all that is not known, and of what cannot be told, why."""
-    space = fit.space
-    values, at = space.values(sample.points), space.values(middle[np.newaxis])
-    parameters = []
-    for name in space.names:
-        if name in NOISES:
-            continue
-        key = name if name in values else f"{name}.forward"
-        value = float(at[key][0])
-        low, high = _shortest(values[key])
-        if name.startswith(STATIC):
-            coulomb = values[key.replace(STATIC, COULOMB)]
-            excess, most = _shortest(values[key] - coulomb)
-            if excess < TOUCHING * most:  # it may as well be no more than Coulomb friction
-                low = min(low, _shortest(coulomb)[0])
-        lower, upper = value - wider * (value - low), value + wider * (high - value)
-        if name != BIAS:
-            lower = max(0.0, lower)
-        error = wider * float(np.std(values[key]))
-        half = 0.5 * (upper - lower)
-        reason = why_not_told(name, value, half, space.scale, motion, quality.condition_number)
-        parameters.append(
-            Parameter(name, value, error, (float(lower), float(upper)), reason is None, reason)
-        )
-    if space.fixed_bias is not None:
-        parameters.append(
-            Parameter(
-                "bias",
-                space.fixed_bias,
-                0.0,
-                (space.fixed_bias, space.fixed_bias),
-                False,
-                "a bias and frictions that differ by direction move a mass alike; it is taken as "
-                f"{space.fixed_bias:.3g}, and the frictions are those beside it",
-            )
-        )
-    return tuple(parameters)
-
-
-def _shortest(values: FloatArray) -> tuple[float, float]:
-    """Return the shortest interval with 95 % of the values (N,): it begins at a bound they pile up
-    at, where one with as many below as above would leave the bound out."""
-    ordered = np.sort(values)
-    within = int(np.ceil(COVERED * ordered.size))
-    widths = ordered[within - 1 :] - ordered[: ordered.size - within + 1]
-    first = int(np.argmin(widths))
-    return float(ordered[first]), float(ordered[first + within - 1])
+    return float(np.linalg.cond(np.corrcoef(columns)))
 
 
 def _ensemble(

@@ -52,7 +52,6 @@ _ALL = (
             static_friction=_static(_EMPS_COULOMB),
             coulomb_friction=_EMPS_COULOMB,
             viscous_damping=ByDirection(1.752, 2.527),
-            bias=0.033,
             control_gain=0.3694,
             control_limit=10.0,
             time_step=0.01,

@@ -49,12 +49,11 @@ def rollout(system: System, initial_states: FloatArray, controls: FloatArray) ->
 
 def rollout_on(plant: Plant, initial_states: FloatArray, controls: FloatArray) -> FloatArray:
     """Do what `rollout` does, on a plant as the kernels take it."""
-    starts = np.broadcast_to(initial_states, (len(controls), 2))
-    return _rollout(
-        np.ascontiguousarray(controls, dtype=np.float64),
-        np.ascontiguousarray(starts, dtype=np.float64),
-        plant,
+    # A copy: for an array that must not be written the kernel would be compiled once more.
+    starts = np.array(
+        np.broadcast_to(initial_states, (len(controls), 2)), dtype=np.float64, order="C"
     )
+    return _rollout(np.ascontiguousarray(controls, dtype=np.float64), starts, plant)
 
 
 def rollout_many(plant: Plant, initial_states: FloatArray, controls: FloatArray) -> FloatArray:

@@ -5,11 +5,13 @@ import pytest
 
 from app.evaluation.answer_log import Answer
 from app.evaluation.circumstances import CIRCUMSTANCES, STEPS
+from app.evaluation.closed_machines import WITHOUT_SCALE
 from app.evaluation.controllers import CLOSED, RECEDING_IDENTIFYING, SWITCHING, tuned
 from app.evaluation.question import Question
 from app.evaluation.suite import Picture, Section, Table
 from app.evaluation.suites.closed_loop import CELLS, OPEN, ClosedLoop
-from app.planning.plant.system import System
+from app.planning.plant.machines import MACHINES
+from app.planning.plant.system import ByDirection, System
 from app.wire.requests import PlanRequest
 from app.wire.simulation import SimulateRequest
 from tests.evaluation.synthetic import section_of
@@ -45,7 +47,7 @@ def test_all_controllers_meet_the_same_machines_noise_and_sensors() -> None:
     met: dict[tuple[object, ...], set[str]] = {}
     for question in SUITE.questions():
         request, labels = question.request, question.labels
-        if not isinstance(request, SimulateRequest):
+        if not isinstance(request, SimulateRequest) or "machine" in labels:
             continue
         place = (labels["off_by"], labels["circumstances"], labels["task"], labels["run"])
         machine = request.model_dump_json(exclude={"controller", "steps_left"})
@@ -53,6 +55,22 @@ def test_all_controllers_meet_the_same_machines_noise_and_sensors() -> None:
         assert request.system != request.nominal_system == System()
     assert len(met) == len(CELLS) * SUITE.size.tasks * SUITE.size.runs
     assert all(len(machines) == 1 for machines in met.values())
+
+
+def test_real_machines_are_controlled_by_a_model_that_knows_less_of_them() -> None:
+    asked = [q for q in SUITE.questions() if "machine" in q.labels]
+
+    assert {q.labels["machine"] for q in asked} == set(MACHINES) - {"paper"}
+    assert {q.labels["entrant"] for q in asked} == {
+        entrant.label for entrant in SUITE.size.entrants if entrant in WITHOUT_SCALE
+    }
+    for question in asked:
+        request, machine = question.request, MACHINES[str(question.labels["machine"])]
+        assert isinstance(request, SimulateRequest)
+        assert request.system == machine.system
+        assert request.nominal_system
+        assert not isinstance(request.nominal_system.viscous_damping, ByDirection)
+        assert request.delay_steps == machine.delay_steps
 
 
 def test_open_loops_are_planned_for_the_plants_that_may_be_and_run_on_the_same() -> None:
@@ -87,7 +105,7 @@ def test_every_controller_has_settings_and_an_observer_that_knows_the_noise(
 def test_tables_have_what_runs_are_worth(section: Section) -> None:
     tables = section.all(Table)
 
-    assert len(tables) == len(CELLS)
+    assert len(tables) == len(CELLS) + len(MACHINES) - 1
     rows = {row[0]: row[1:] for row in tables[1].rows}
     assert rows[SWITCHING.label] == (
         *("2.00", "100.0 %", "", "2.000", "100.0 %", "2.00", "0.0 %", "20.0", "2.0"),
@@ -95,7 +113,11 @@ def test_tables_have_what_runs_are_worth(section: Section) -> None:
     assert rows[RECEDING_IDENTIFYING.label][0] == "0.00"
     assert rows[RECEDING_IDENTIFYING.label][2] == "+0.000 [+0.000, +0.000]"
     assert OPEN[0].label in rows
-    assert OPEN[0].label not in {row[0] for row in tables[-1].rows}
+    assert OPEN[0].label not in {row[0] for row in tables[len(CELLS) - 1].rows}
+    emps = next(table for table in tables if "`emps`" in table.caption)
+    found = {row[0]: row[1:] for row in emps.rows}
+    assert found[RECEDING_IDENTIFYING.label][:2] == ("0.00", "100.0 %")
+    assert found[SWITCHING.label][4] == "0.40"  # steps of 10 ms
 
 
 def test_it_says_where_a_law_does_as_well(section: Section) -> None:

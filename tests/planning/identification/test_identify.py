@@ -10,7 +10,8 @@ from app.evaluation.logs import Recording
 from app.planning.arrays import FloatArray
 from app.planning.identification.excitation import excitation
 from app.planning.identification.identify import Question, identify
-from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.log import Log
+from app.planning.identification.log_checks import UnusableLog
 from app.planning.identification.verdict import Identification
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import ByDirection, System

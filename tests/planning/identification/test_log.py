@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from app.planning.arrays import FloatArray
-from app.planning.identification.log import Log, UnusableLog
+from app.planning.identification.log import Log
+from app.planning.identification.log_checks import UnusableLog
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 

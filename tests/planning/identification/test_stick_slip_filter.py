@@ -7,14 +7,8 @@ from hypothesis import strategies as st
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
-from app.planning.identification.stick_slip_filter import (
-    Belief,
-    Mode,
-    mean_state,
-    predict,
-    update_position,
-    update_velocity,
-)
+from app.planning.identification.measurement_update import update_position, update_velocity
+from app.planning.identification.stick_slip_filter import Belief, Mode, mean_state, predict
 from app.planning.plant.rollout import step
 from app.planning.plant.system import Plant, System
 from tests.planning.plants import plants

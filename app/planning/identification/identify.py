@@ -27,14 +27,13 @@ MOST_DELAY = 8
 DELAYS_TRIED = 3
 """Of them, those that are climbed for a little."""
 DELAYS_LEFT = 2
-DELAY_GENERATIONS = 8, 16
-"""Of the search for each of them, and of those that are left."""
-FAR_BEHIND = 100.0
-"""Log-likelihoods by which a delay is out after the first of these searches."""
 MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
 """Log-likelihoods that are no farther apart hardly tell two delays apart."""
+HEATS = (8, 100.0), (16, 30.0), (100, CLOSE)
+"""Of the delays that are left: generations of a search, and what log-likelihood the next one has to
+be in the lead by to be alone in it."""
 LEAST_MEASUREMENTS = 250
 APART_SECONDS = 0.08
 """Between measurements, where their noise does not matter."""
@@ -171,22 +170,22 @@ def _delay(
     if not begun:
         raise UnusableLog("known", "no machine that is known to be so moves as in this log")
     begun.sort(key=lambda each: -each.value)
-    climbed = [
-        (each.fit.climb(each.start, each.fit.around(BROAD), rng, DELAY_GENERATIONS[0]), each)
+    racing = [
+        (Found(each.start, each.value, each.start, each.fit.around(BROAD)), each)
         for each in begun[:DELAYS_TRIED]
     ]
-    # Once more for those that lead.
-    climbed.sort(key=lambda each: -each[0].value)
-    leading = climbed[0][0].value
-    climbed = [
-        (each.fit.climb(found.best, found.covariance, rng, DELAY_GENERATIONS[1]), each)
-        for found, each in climbed[:DELAYS_LEFT]
-        if found.value > leading - FAR_BEHIND
-    ]
-    climbed.sort(key=lambda each: -each[0].value)
-    (found, first), *others = climbed
-    is_close = bool(others) and found.value - others[0][0].value < CLOSE
-    return first.delay, found, others[0][1].delay if is_close else None
+    for generations, lead in HEATS:
+        racing = [
+            (each.fit.climb(found.best, found.covariance, rng, generations), each)
+            for found, each in racing
+        ]
+        racing.sort(key=lambda one: -one[0].value)
+        leading = racing[0][0].value
+        racing = [one for one in racing[:DELAYS_LEFT] if one[0].value > leading - lead]
+        if len(racing) == 1:
+            break
+    (found, first), *others = racing
+    return first.delay, found, others[0][1].delay if others else None
 
 
 def _space(log: Log, known: Mapping[str, Any]) -> Space:

@@ -24,10 +24,10 @@ NOISES = ("acceleration_noise", "position_noise", "velocity_noise")
 EXCESS_SHARE = 0.5
 """Of Coulomb friction: what static friction is expected to exceed it by, where a log says nothing;
 an exponential prior of that mean, which any log that shows break-aways outweighs."""
-EXPECTED_DRAG = 0.1
-"""Of what controls do to the mass: what viscous damping takes at the speeds of a log, where the log
-says nothing; an exponential prior of that mean. A log of slow motion, or one that random forces
-disturb, does not tell damping: any much of it would do, and plans go faster than the log."""
+LITTLE_DRAG = 0.01
+"""Of what controls do to the mass: what viscous damping takes at the speeds of a log. Above that
+its prior is one over it, for nothing is known of its size; flat below. A log of slow motion, or one
+that random forces disturb, does not tell damping, and plans go faster than the log."""
 EXPECTED_BIAS = 0.3
 """Of what controls do to the mass: the standard deviation of a normal prior. A log of one direction
 cannot tell a bias from friction."""
@@ -212,9 +212,11 @@ class Space:
             prior -= 0.5 * (values[BIAS] / (EXPECTED_BIAS * self.scale.acceleration)) ** 2
         ways = DIRECTIONS[: 1 + self.by_direction]
         if DAMPING not in self.known:
-            expected_drag = EXPECTED_DRAG * self.scale.acceleration
             for way in ways:
-                prior -= values[f"{DAMPING}.{way}"] * self.scale.velocity / expected_drag
+                damping = np.maximum(values[f"{DAMPING}.{way}"], 0.0)
+                prior -= np.log(
+                    damping * self.scale.velocity / self.scale.acceleration + LITTLE_DRAG
+                )
         if STATIC in self.known:
             return prior
         for way in ways:

@@ -22,6 +22,7 @@ from app.inference.courtesy import give_way
 from app.inference.job import Job
 from app.inference.manifest import Manifest
 from app.inference.model import Model
+from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore
 from app.inference.networks import Kind
 from app.inference.row_threads import RowThreads
@@ -99,7 +100,7 @@ class Engine:
         kinds: Sequence[Kind] | None = None,
         serving: Sequence[Model] | None = None,
         wanted: Callable[[Manifest], bool] = lambda _: True,
-    ) -> ModelStore:
+    ) -> ModelStore[Model]:
         """Verify, load and warm up the models of a store, in the calling thread; see `ModelStore`.
 
         Raises:
@@ -108,8 +109,9 @@ class Engine:
         _use_no_threads_of_pytorch()
         return ModelStore.load(store, device, self.row_threads, kinds, serving, wanted)
 
-    def bind(self, model: Model, job: Job, *, keeps_steps: bool = False) -> "EngineProposal":
-        """Return `model` as a learned proposal that samples here; arguments as for its class."""
+    def bind(self, model: ModelCard, job: Job, *, keeps_steps: bool = False) -> "EngineProposal":
+        """Return `model`, loaded here, as a learned proposal; arguments as for its class."""
+        assert isinstance(model, Model)
         return EngineProposal(self, model, job, keeps_steps=keeps_steps)
 
     def submit(

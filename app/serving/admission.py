@@ -4,16 +4,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from app.inference.job import Job
+from app.inference.model_card import ModelCard
 from app.serving.forecast import finish_times, queue_times, turn_times
 from app.serving.rates import Rates
 from app.serving.refusals import Refused
 from app.settings import Settings
-
-if TYPE_CHECKING:
-    from app.inference.model import Model
 
 MARGIN = 1.75
 """A forecast may be this much too short."""
@@ -37,7 +35,7 @@ a batch wait among the long ones, each for its own turn."""
 class Work(Job):
     """A job with all that it takes, as far as that is known when it arrives."""
 
-    model: "Model | None"
+    model: ModelCard | None
     """None where nothing goes through a network."""
     rows_per_step: int
     """Rows that can go through the network at once."""
@@ -230,7 +228,7 @@ class Admission:
         }
 
 
-def _label(model: "Model | None") -> str:
+def _label(model: ModelCard | None) -> str:
     return model.label if model else NONE
 
 

@@ -77,7 +77,7 @@ class IdentificationService:
             answer_bytes=BYTES + BYTES_PER_SYSTEM * request.num_systems,
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
-        return ResolvedIdentification(request.question, log, seed, work)
+        return ResolvedIdentification(request, request.question, log, seed, work)
 
     def answer(self, resolved: "ResolvedIdentification", waited_ms: float = 0.0) -> dict[str, Any]:
         """Identify, and say what came of it.
@@ -124,10 +124,16 @@ class IdentificationService:
 class ResolvedIdentification:
     """A request with nothing left open."""
 
+    request: IdentifyRequest
     question: Question
     log: Log
     seed: int
     work: Work
+
+    @property
+    def settled(self) -> IdentifyRequest:
+        """The request with its seed: whoever answers it answers the same."""
+        return self.request.model_copy(update={"seed": self.seed})
 
     @property
     def log_fields(self) -> dict[str, Any]:

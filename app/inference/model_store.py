@@ -6,7 +6,9 @@ PyTorch is loaded with the first model, and not before: a compiled method plans 
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic
+
+from typing_extensions import TypeVar
 
 from app.inference.manifest import Manifest
 from app.inference.model_card import GUESS, ModelCard
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from app.inference.networks import Kind
     from app.inference.row_threads import RowThreads
 
-M_co = TypeVar("M_co", bound=ModelCard, covariant=True)
+M_co = TypeVar("M_co", bound=ModelCard, covariant=True, default="Model")
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +44,7 @@ class ModelStore(Generic[M_co]):
     """
 
     def __init__(self, models: Sequence[M_co], skipped: Sequence[str] = ()) -> None:
-        self.models = sorted(models, key=lambda m: (m.manifest.name, -m.manifest.version))
+        self.models = sorted(models, key=_name_and_age)
         self._skipped = skipped
 
     @staticmethod
@@ -122,6 +124,10 @@ class ModelStore(Generic[M_co]):
     def _labels(self) -> str:
         labels = ", ".join(model.label for model in self.models) or "none"
         return f"{labels}; skipped: {', '.join(self._skipped)}" if self._skipped else labels
+
+
+def _name_and_age(model: ModelCard) -> tuple[str, int]:
+    return model.manifest.name, -model.manifest.version
 
 
 def _skipped(directory: Path) -> list[str]:

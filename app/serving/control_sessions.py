@@ -21,12 +21,12 @@ class ControlSessions:
 
     Args:
         settings: how many there may be.
-        compute: has their steps computed.
+        steps_of_session: returns what has the steps of one session computed.
     """
 
-    def __init__(self, settings: Settings, compute: Compute) -> None:
+    def __init__(self, settings: Settings, steps_of_session: Callable[[], Compute]) -> None:
         self._settings = settings
-        self._compute = compute
+        self._steps_of_session = steps_of_session
         self._open: dict[Session, Callable[[], None]] = {}
         self.is_draining = False
 
@@ -46,7 +46,7 @@ class ControlSessions:
         most = self._settings.max_sessions
         if len(self._open) >= most:
             raise Refused("queue_full", f"{most} control sessions are open, as many as may be", 1.0)
-        session = Session(self._admit, self._compute)
+        session = Session(self._admit, self._steps_of_session())
         self._open[session] = wake
         try:
             yield session

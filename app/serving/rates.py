@@ -50,6 +50,11 @@ class Rates:
         """Count the simulated time steps of a plan."""
         self._steps.setdefault(kind, Rate(SECONDS_PER_STEP, PRIOR_STEPS)).add(seconds, steps)
 
+    @property
+    def seconds_per_step(self) -> dict[str, float]:
+        """Of simulated time steps, by kind of plan: of those that were measured."""
+        return {kind: rate.seconds_per_unit for kind, rate in self._steps.items()}
+
     def seconds_of_rows(self, model: ModelCard, rows: int, *, is_crowded: bool) -> float:
         """Return about how long that many rows take, alone or beside long compiled plans."""
         return rows * self._of(model, is_crowded).seconds_per_unit

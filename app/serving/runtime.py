@@ -65,7 +65,7 @@ class Runtime(ABC):
         settings: of the service.
         rates: how fast work gets done.
         admission: says who may come in.
-        compute: has the steps of control sessions computed.
+        steps_of_session: returns what has the steps of one control session computed.
         network_threads: cores that compute.
     """
 
@@ -74,17 +74,18 @@ class Runtime(ABC):
         settings: Settings,
         rates: Rates,
         admission: Admission,
-        compute: Compute,
+        steps_of_session: Callable[[], Compute],
         network_threads: int,
     ) -> None:
         self.settings = settings
         self.admission = admission
         self.network_threads = network_threads
-        self._rates = rates
+        self.rates = rates
+        """How fast work gets done."""
         self._simulation = SimulationService(settings, rates)
         self._control = ControlService(settings, rates)
         self._identification = IdentificationService(settings, rates)
-        self._sessions = ControlSessions(settings, compute)
+        self._sessions = ControlSessions(settings, steps_of_session)
         self._service: PlanningService | None = None
         self._draining = False
         self._state = "the service is starting"
@@ -103,15 +104,16 @@ class Runtime(ABC):
             raise NotReady(self._state)
         return self._service
 
-    def batch(self, request: PlanBatchRequest, arrived: float) -> Batch:
+    def batch(self, request: PlanBatchRequest, arrived: float, first: int = 0) -> Batch:
         """Settle what the problems of a batch share; errors as for `service` and `resolve_batch`.
 
         Args:
             request: as it came.
             arrived: when it did, by `perf_counter`.
+            first: the index of its first problem in a larger batch, of which this is a part.
         """
-        cores = self.network_threads
-        return resolve_batch(self.service, request, self.settings, self._rates, cores, arrived)
+        service, settings, cores = self.service, self.settings, self.network_threads
+        return resolve_batch(service, request, settings, self.rates, cores, arrived, first)
 
     @property
     def identification(self) -> IdentificationService:

@@ -22,7 +22,7 @@ LONG = Start(target_state=(0.2, 0.0), controller=RecedingHorizon(iterations=100)
 
 
 def sessions(**settings: Any) -> ControlSessions:
-    return ControlSessions(Settings(**settings), StepThreads(num_threads=1).compute)
+    return ControlSessions(Settings(**settings), lambda: StepThreads(num_threads=1).compute)
 
 
 def converse(all_of_them: ControlSessions, *messages: Any) -> list[dict[str, Any]]:

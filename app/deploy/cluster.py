@@ -42,10 +42,10 @@ GRACE_SECONDS = 1.0
 """A replica tells by itself that a deadline has passed; after so long nobody waits for it."""
 STEP_SECONDS = 30.0
 """A step of a session takes milliseconds; so long is waited for a replica that can do it."""
-LOOK_SECONDS = 0.1
 
 Handle: TypeAlias = Any
 """A `DeploymentHandle` of replicas; Ray does not tell types apart by what a method returns."""
+Step: TypeAlias = Callable[[str | None, Take, float], Awaitable[Outcome[tuple[ControlStep, float]]]]
 R = TypeVar("R")
 A = TypeVar("A", bound=Asked)
 
@@ -64,7 +64,7 @@ class ClusterRuntime(Runtime):
     def __init__(self, settings: Settings, replicas: Handle, cores: int) -> None:
         rates = Rates()
         admission = ClusterAdmission(settings, rates, BOARD)
-        super().__init__(settings, rates, admission, lambda: PinnedSteps(self._call).compute, cores)
+        super().__init__(settings, rates, admission, lambda: PinnedSteps(self._step).compute, cores)
         self._replicas = replicas
 
     async def start(self) -> None:
@@ -92,9 +92,8 @@ class ClusterRuntime(Runtime):
         models = await anyio.to_thread.run_sync(ModelStore.cards, folder, abandon_on_cancel=True)
         if self._service is None:
             self._state = "the service is starting: no replica is ready"
-            while not BOARD:
-                await self._replicas.greet.remote(Order())
-                await asyncio.sleep(LOOK_SECONDS)
+            outcome = await self._replicas.greet.remote(Order())
+            BOARD.tell(outcome.replica, outcome.load, now())
         else:
             for raised in await self._replicas.broadcast("load").results_async():
                 if raised:
@@ -207,16 +206,20 @@ class ClusterRuntime(Runtime):
     def close(self) -> None:
         """Nothing is left here: Ray ends the replicas."""
 
-    async def _call(self, method: str, pinned: str | None, *arguments: Any) -> Outcome[Any]:
-        """Call a method of the replica that it is pinned to, or else of another; see `_ask`."""
-        replicas = self._replicas.options(method_name=method)
+    async def _step(
+        self, pinned: str | None, take: Take, expected_seconds: float
+    ) -> Outcome[tuple[ControlStep, float]]:
+        """Have a step done by the replica that it is pinned to, or else by another; see `_ask`."""
 
         async def ask(order: Order) -> Outcome[Any]:
-            outcome: Outcome[Any] = await _result(replicas.remote(order, *arguments))
-            return Outcome(outcome.replica, outcome.queued, outcome)
+            response = self._replicas.step.remote(order, take, expected_seconds)
+            outcome: Outcome[Any] = await _result(response)
+            return Outcome(outcome.replica, outcome.load, outcome)
 
         deadline = perf_counter() + STEP_SECONDS
-        outcome: Outcome[Any] = await self._ask(Order(pinned=pinned), deadline, ask, _never)
+        outcome: Outcome[tuple[ControlStep, float]] = await self._ask(
+            Order(pinned=pinned), deadline, ask, _never
+        )
         return outcome
 
     async def _ask(
@@ -255,7 +258,7 @@ class ClusterRuntime(Runtime):
                     log.warning("a replica died, and its request goes to another: %s", error)
                     order = order._replace(pinned=None)
                     continue
-                BOARD.tell_queued(outcome.replica, outcome.queued, now())
+                BOARD.tell(outcome.replica, outcome.load, now())
                 refused = isinstance(outcome.result, Raised) and outcome.result.kind is Refused
                 if refused and tries_left and len(BOARD) > len(order.avoided) + 1:
                     order = order._replace(avoided=order.avoided | {outcome.replica})
@@ -272,19 +275,18 @@ class PinnedSteps:
     What a step needs travels with it: the session goes on where the last one left it.
 
     Args:
-        call: calls a method of a replica, which may be pinned.
+        step: has a step done by a replica, if it is there, or by another one.
     """
 
-    def __init__(self, call: Callable[..., Awaitable[Outcome[Any]]]) -> None:
-        self._call = call
+    def __init__(self, step: Step) -> None:
+        self._step = step
         self._replica: str | None = None
 
     async def compute(self, take: Take, expected_seconds: float) -> tuple[ControlStep, float]:
         """Return a step, and the seconds that it took."""
-        outcome = await self._call("step", self._replica, take, expected_seconds)
+        outcome = await self._step(self._replica, take, expected_seconds)
         self._replica = outcome.replica
-        step: tuple[ControlStep, float] = outcome.unwrap()
-        return step
+        return outcome.unwrap()
 
 
 def _due(asked: A, deadline: float) -> A:

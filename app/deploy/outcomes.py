@@ -3,11 +3,10 @@
 Ray would wrap an error, and pickle cannot carry one whose arguments are not its message.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from app.deploy.routing import Lane
+from app.deploy.routing import Load
 
 T = TypeVar("T")
 
@@ -36,7 +35,7 @@ class Outcome(Generic[T]):
     """What a replica made of something, and how it is since."""
 
     replica: str
-    queued: Mapping[Lane, float]
+    load: Load
     result: "T | Raised"
 
     def unwrap(self) -> T:

@@ -94,6 +94,19 @@ def application(options: ClusterOptions) -> serve.Application:
         Failure: a BREAKAWAY_* variable is no setting's, or its value is not valid.
     """
     settings = read_settings(Settings.model_fields)
+    ingress: Any = serve.deployment(
+        name="ingress",
+        num_replicas=options.ingresses,
+        max_ongoing_requests=MOST_AT_ONCE,
+        ray_actor_options={"num_cpus": 0},
+        graceful_shutdown_timeout_s=settings.max_deadline_ms / 1e3,
+    )(Ingress)
+    bound = ingress.bind(settings, replicas_of(settings, options), options.cores)
+    return cast(serve.Application, bound)
+
+
+def replicas_of(settings: Settings, options: ClusterOptions) -> serve.Application:
+    """Return the replicas alone, which an ingress has behind it."""
     replicas: Any = serve.deployment(
         name="replica",
         max_ongoing_requests=MOST_AT_ONCE,
@@ -114,12 +127,5 @@ def application(options: ClusterOptions) -> serve.Application:
             "downscale_delay_s": 300,
             "policy": {"policy_function": "app.deploy.router:by_outstanding_rows"},
         },
-    )(Replica).bind(settings, options.cores)
-    ingress: Any = serve.deployment(
-        name="ingress",
-        num_replicas=options.ingresses,
-        max_ongoing_requests=MOST_AT_ONCE,
-        ray_actor_options={"num_cpus": 0},
-        graceful_shutdown_timeout_s=settings.max_deadline_ms / 1e3,
-    )(Ingress).bind(settings, replicas, options.cores)
-    return cast(serve.Application, ingress)
+    )(Replica)
+    return cast(serve.Application, replicas.bind(settings, options.cores))

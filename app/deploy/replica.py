@@ -8,6 +8,7 @@ import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing
+from dataclasses import asdict
 from functools import partial
 from time import perf_counter
 from typing import Any, TypeAlias, TypeVar
@@ -17,7 +18,7 @@ from ray import serve
 from app.api.errors import problem_of
 from app.api.planning import BATCH_PATH
 from app.deploy.outcomes import Outcome, Raised
-from app.deploy.routing import Lane, Order
+from app.deploy.routing import Order
 from app.memory import use_few_arenas
 from app.planning.control.step import ControlStep
 from app.serving.control_session import Take
@@ -119,7 +120,7 @@ class Replica:
 
     async def greet(self, _: Order) -> Outcome[int]:
         """Say that it is there, in which process."""
-        return Outcome(self._id, self._queued, os.getpid())
+        return Outcome(self._id, self._load, os.getpid())
 
     async def load(self) -> "Raised | None":
         """Load what is new in the model store; return what was wrong with it."""
@@ -131,36 +132,35 @@ class Replica:
 
     def record_routing_stats(self) -> dict[str, Any]:
         """Tell routers the fields of a `Load`."""
-        held = self._runtime.service.models.models
-        rates = self._runtime.rates
-        return {
-            "models": {
-                model.label: rates.seconds_of_rows(model, 1, is_crowded=False) for model in held
-            },
-            "kinds": rates.seconds_per_step,
-            "queued": self._queued,
-        }
+        return asdict(self._load)
 
     def record_autoscaling_stats(self) -> dict[str, float]:
         """Tell the autoscaler what waits here: rows, and seconds of compiled plans."""
         rows = sum(pending.rows for pending in self._runtime.admission.pending.values())
-        queued = self._queued
-        return {"rows": rows, "seconds": queued.get("short", 0.0) + queued.get("long", 0.0)}
+        queued = self._load.queued
+        return {"rows": rows, "seconds": queued["short"] + queued["long"]}
 
     async def __del__(self) -> None:
         await self._runtime.drain()
         self._runtime.close()
 
     @property
-    def _queued(self) -> dict[Lane, float]:
-        """Seconds until all in a lane is done; parts of batches are among the long."""
-        queued = self._runtime.admission.queued
-        long = queued.get("long", 0.0) + queued.get("batch", 0.0)
-        return {
-            "network": queued.get("network", 0.0),
-            "short": queued.get("short", 0.0),
-            "long": long,
-        }
+    def _load(self) -> Load:
+        """How it is; parts of batches are among what is long."""
+        runtime = self._runtime
+        rates, queued = runtime.rates, runtime.admission.queued
+        return Load(
+            models={
+                model.label: rates.seconds_of_rows(model, 1, is_crowded=False)
+                for model in runtime.service.models.models
+            },
+            kinds=rates.seconds_per_step,
+            queued={
+                "network": queued.get("network", 0.0),
+                "short": queued.get("short", 0.0),
+                "long": queued.get("long", 0.0) + queued.get("batch", 0.0),
+            },
+        )
 
     def _service(self, asked: Asked) -> Any:
         """Return what resolves and answers such requests."""
@@ -192,7 +192,7 @@ class Replica:
             raise
         except Exception as error:
             result = Raised.of(error)
-        return Outcome(self._id, self._queued, result)
+        return Outcome(self._id, self._load, result)
 
 
 def _sent(answered: Answered) -> Sent:

@@ -71,16 +71,11 @@ class Board:
         return len(self._names)
 
     def tell(self, replica: str, load: Load, now: float) -> None:
-        """Take down what a replica says of itself at `now`, s."""
+        """Take down what a replica says of itself at `now`, s: all that was sent is in it."""
         if replica not in self._loads:
             self._names = [*self._names, replica]
         self._loads[replica] = load
-        self.tell_queued(replica, load.queued, now)
-
-    def tell_queued(self, replica: str, queued: Mapping[Lane, float], now: float) -> None:
-        """Take down how much waits at a replica: it comes with every answer."""
-        if replica in self._loads:
-            self._free_at[replica] = {lane: now + seconds for lane, seconds in queued.items()}
+        self._free_at[replica] = {lane: now + seconds for lane, seconds in load.queued.items()}
 
     def keep(self, replicas: Collection[str]) -> None:
         """Forget all but these."""

@@ -5,6 +5,7 @@ import pickle
 import pytest
 
 from app.deploy.outcomes import Outcome, Raised
+from app.deploy.routing import Load
 from app.inference.model_store import UnknownModel
 from app.serving.refusals import DeadlineExceeded, InvalidField, Refused
 
@@ -19,7 +20,7 @@ from app.serving.refusals import DeadlineExceeded, InvalidField, Refused
     ],
 )
 def test_an_error_arrives_as_it_was_raised(error: Exception) -> None:
-    sent: Outcome[int] = Outcome("a", {}, Raised.of(error))
+    sent: Outcome[int] = Outcome("a", Load(), Raised.of(error))
     came: Outcome[int] = pickle.loads(pickle.dumps(sent))
     with pytest.raises(type(error)) as raised:
         came.unwrap()

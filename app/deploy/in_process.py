@@ -28,7 +28,7 @@ def cluster_service(settings: Settings) -> Iterator[FastAPI]:
     is_ours = not ray.is_initialized()
     if is_ours:
         ray.init(include_dashboard=False, log_to_driver=False)
-    cores = int(ray.cluster_resources()["CPU"])
+    cores = int(ray.cluster_resources()["CPU"])  # type: ignore[no-untyped-call]
     options = ClusterOptions(min_replicas=cores, max_replicas=cores)
     try:
         replicas = serve.run(replicas_of(settings, options), name=NAME, route_prefix=None)
@@ -38,4 +38,4 @@ def cluster_service(settings: Settings) -> Iterator[FastAPI]:
     finally:
         serve.delete(NAME)
         if is_ours:
-            ray.shutdown()  # type: ignore[no-untyped-call]
+            ray.shutdown()

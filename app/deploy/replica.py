@@ -18,7 +18,7 @@ from ray import serve
 from app.api.errors import problem_of
 from app.api.planning import BATCH_PATH
 from app.deploy.outcomes import Outcome, Raised
-from app.deploy.routing import Order
+from app.deploy.routing import Load, Order
 from app.memory import use_few_arenas
 from app.planning.control.step import ControlStep
 from app.serving.control_session import Take

@@ -49,8 +49,8 @@ def run(port: int, model_store: Path, replicas: int, kill_every: float | None) -
         serve.run(application(options), name=APPLICATION)
         while not ending.wait(kill_every):
             kill_one()
-        serve.shutdown()
-        ray.shutdown()  # type: ignore[no-untyped-call]
+        serve.shutdown()  # type: ignore[no-untyped-call]
+        ray.shutdown()
 
 
 def kill_one() -> None:

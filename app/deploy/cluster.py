@@ -15,7 +15,7 @@ from ray.exceptions import RayActorError
 
 from app.deploy.admission import ClusterAdmission, order_of
 from app.deploy.outcomes import Outcome, Raised
-from app.deploy.routing import BOARD, Order, now
+from app.deploy.routing import BOARD, TRIES, Order, now
 from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore
 from app.planning.control.step import ControlStep
@@ -32,8 +32,6 @@ from app.wire.batches import PlanBatchRequest
 from app.wire.model import Asked
 from app.wire.requests import MultistepPlanRequest
 
-TRIES = 3
-"""A call is made again elsewhere when its replica dies, or has no time for it: twice at most."""
 PROBLEMS_TOGETHER = 32
 """Of a batch that go to a replica in one call; it plans them a few together."""
 PARTS_PER_REPLICA = 2

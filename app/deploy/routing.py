@@ -19,6 +19,9 @@ CHOICES = 4
 """Of so many replicas, drawn at random, the one that is done first takes a work: several ingresses
 that all know the same a moment late would else all send theirs to the same one."""
 
+TRIES = 4
+"""A call is made again elsewhere when its replica dies, or has no time for it; not for ever."""
+
 Lane: TypeAlias = Literal["network", "short", "long"]
 
 

@@ -39,6 +39,7 @@ def run(port: int, model_store: Path, replicas: int, kill_every: float | None) -
         signal.signal(name, lambda *_: ending.set())
     with tempfile.TemporaryDirectory(prefix="ray") as folder:
         ray.init(
+            address="local",
             num_cpus=replicas + 1,
             object_store_memory=OBJECT_STORE_BYTES,
             include_dashboard=False,

@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from app.deploy.routing import Board, Load, Order
+from app.deploy.routing import TRIES, Board, Load, Order
 from tests.load.verdict import Verdict
 
 SECONDS_PER_STEP = 1e-8
@@ -32,7 +32,6 @@ DETECTION_SECONDS = 0.3
 NOTICE_SECONDS = 1.0
 """Until routers know it, too."""
 RESTART_SECONDS = 10.0
-TRIES = 3
 MOST_LATE = 1.0
 """%, and of works that are refused."""
 

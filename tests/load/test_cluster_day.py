@@ -4,7 +4,7 @@ from tests.load.cluster_day import ClusterDay
 
 
 def test_every_work_of_the_day_is_answered_or_refused() -> None:
-    day = ClusterDay(replicas=20, ingresses=3, seconds=10.0, deaths_per_second=0.5, seed=1)
+    day = ClusterDay(replicas=20, ingresses=3, seconds=10.0, deaths_per_second=0.3, seed=1)
     day.run()
     outcomes = day.outcomes
     assert outcomes["deaths"] > 1

@@ -96,6 +96,7 @@ class ClusterRuntime(Runtime):
             for raised in await self._replicas.broadcast("load").results_async():
                 if raised:
                     raise raised.error()
+        self._has_loops = True  # a replica is there when all is compiled
         self._put_in_place(PlanningService(self.settings, models, None, self.rates))
         return models
 

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import threading
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from functools import partial
 from time import perf_counter
 from typing import Any, TypeVar
@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import anyio
 import anyio.to_thread
 
-from app.compilation.parts import are_kept, compile_missing
+from app.compilation.parts import Part, are_kept, compile_missing
 from app.inference.device import choose_device
 from app.inference.engine import Engine, Tick, Watch
 from app.inference.model import Model
@@ -22,13 +22,13 @@ from app.inference.shares import Share, half_least_half_urgent
 from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.control.step import ControlStep
-from app.planning.warm_up import warm_up
+from app.planning.warm_up import warm_up, warm_up_loops
 from app.serving.admission import Admission
 from app.serving.batches import Batch, Describe
 from app.serving.bodies import make_body
 from app.serving.control_session import Take
 from app.serving.json_parts import json_parts
-from app.serving.kernels import NETWORK, PLANNING, available_cores
+from app.serving.kernels import LOOPS, NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
 from app.serving.runtime import Answered, Answers, Gone, Runtime, T
@@ -142,6 +142,7 @@ class LocalRuntime(Runtime):
             return
         finally:
             self.started.set()
+        await self._compile_loops()
         await self._compile_network()
 
     async def load(self) -> ModelStore[ModelCard]:
@@ -181,6 +182,8 @@ class LocalRuntime(Runtime):
                 raise NotReady(self._state)
             tell("loading models")
             warm_up()
+            if are_kept(LOOPS):
+                self._warm_up_loops()
             kinds = KINDS if are_kept(NETWORK) else KINDS[-1:]
             return self._engine.load(self.settings.model_store, self._device, kinds, serving)
 
@@ -189,16 +192,26 @@ class LocalRuntime(Runtime):
         self._models = models
         set_aside_what_stays()
 
+    async def _compile_loops(self) -> None:
+        """Compile what plans do without, while they are served."""
+        if self._has_loops:
+            return
+        log.info("plans are served; closed loops and machines from logs when they are compiled")
+        try:
+            await self._in_thread(partial(self._compile, LOOPS))
+            if not self._draining:
+                await self._in_thread(self._warm_up_loops)
+                log.info("closed loops and machines from logs are served, too")
+        except Exception as error:
+            log.warning("no closed loops, and no machines from logs: %s", reason(error))
+
     async def _compile_network(self) -> None:
         """Put compiled networks in the place of TorchScript, which served until they were here."""
         if self._device.type != "cpu" or not self.service.models.models or are_kept(NETWORK):
             return
         log.info("TorchScript runs the models until their kernels are compiled")
-        compiling = partial(
-            compile_missing, NETWORK, self.network_threads, lambda _: None, self._stop
-        )
         try:
-            await self._in_thread(compiling)
+            await self._in_thread(partial(self._compile, NETWORK))
             async with self._loading:
                 store = self.settings.model_store
                 models = await self._in_thread(lambda: self._engine.load(store, self._device))
@@ -209,6 +222,13 @@ class LocalRuntime(Runtime):
             log.warning("TorchScript goes on running the models: %s", reason(error))
         else:
             log.info("the models run compiled")
+
+    def _warm_up_loops(self) -> None:
+        warm_up_loops()
+        self._has_loops = True
+
+    def _compile(self, parts: Iterable[Part]) -> None:
+        compile_missing(parts, self.network_threads, lambda _: None, self._stop)
 
     async def _in_thread(self, function: Callable[[], R]) -> R:
         """Return `function()`, called in a thread that nobody waits for once the service ends."""

@@ -89,6 +89,8 @@ class Runtime(ABC):
         self._service: PlanningService | None = None
         self._draining = False
         self._state = "the service is starting"
+        self._has_loops = False
+        """Whether what is not a plan is compiled, too."""
         self.started = asyncio.Event()
         """Set once the service is ready, or has failed to become so."""
         self.failed = False
@@ -118,31 +120,36 @@ class Runtime(ABC):
     @property
     def identification(self) -> IdentificationService:
         """The service behind `/identify`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._identification
 
     @property
     def simulation(self) -> SimulationService:
         """The service behind `/simulate`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._simulation
 
     @property
     def control(self) -> ControlService:
         """The service behind a single step of `/control`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._control
 
     @property
     def sessions(self) -> ControlSessions:
         """The sessions of `/control`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._sessions
 
     def check_ready(self) -> None:
         """Return if plans can be made; errors as for `service`."""
         if self._service is None:
             raise NotReady(self._state)
+
+    def _check_loops(self) -> None:
+        self.check_ready()
+        if not self._has_loops:
+            raise NotReady("the service makes plans, and compiles kernels for all else")
 
     @property
     def open_sessions(self) -> int:

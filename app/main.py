@@ -1,10 +1,10 @@
 """The application: wiring and lifespan, nothing else."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeAlias
 
 from asgi_correlation_id import CorrelationIdMiddleware
 from fastapi import FastAPI
@@ -28,18 +28,21 @@ from app.api.request_target import RequestTarget
 from app.api.routes import admin_router, router
 from app.api.telemetry import Telemetry, is_request_id
 from app.api.unsupported import Unsupported
-from app.inference.engine import Tick
-from app.inference.shares import Share, half_least_half_urgent
+from app.inference.engine import Tick, Watch
+from app.serving.local_runtime import LocalRuntime
 from app.serving.runtime import Runtime
 from app.settings import Settings
 
+MakeRuntime: TypeAlias = Callable[[Settings, Watch], Runtime]
 
-def create_app(settings: Settings, share: Share = half_least_half_urgent) -> FastAPI:
+
+def create_app(settings: Settings, make_runtime: MakeRuntime = LocalRuntime) -> FastAPI:
     """Return the service; it starts to load its models when its lifespan begins.
 
     Args:
         settings: of the service.
-        share: says whose rows go through the network next.
+        make_runtime: makes what works out the answers; it tells what it is given of every batch
+            that goes through a network here.
 
     Raises:
         KeysRejected: the API keys that the settings name cannot be used.
@@ -52,7 +55,7 @@ def create_app(settings: Settings, share: Share = half_least_half_urgent) -> Fas
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[dict[str, Any]]:
-        runtime = Runtime(settings, watch, share)
+        runtime = make_runtime(settings, watch)
         start = asyncio.create_task(runtime.start())
         yield {"runtime": runtime, "metrics": metrics}
         await runtime.drain()

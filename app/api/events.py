@@ -7,13 +7,11 @@ problem+json, what ended it after the first segment. Before that, errors are ans
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import ExitStack
-from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.types import Send
 
 from app.api.sending import PartedResponse
-from app.serving.json_parts import json_parts
 
 EVENT_STREAM = "text/event-stream"
 
@@ -27,11 +25,6 @@ def accepts_events(headers: Headers) -> bool:
 def as_event(kind: str, text: bytes) -> bytes:
     """Return an event with a line of data."""
     return b"event: " + kind.encode() + b"\ndata: " + text + b"\n\n"
-
-
-def json_event(kind: str, value: Any) -> bytes:
-    """Return an event with what `json_parts` writes."""
-    return as_event(kind, b"".join(json_parts(value)))
 
 
 async def stream(

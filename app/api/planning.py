@@ -15,9 +15,9 @@ from app.api.batch_response import NDJSON, BatchResponse
 from app.api.body import JsonRoute
 from app.api.dependencies import get_runtime
 from app.api.errors import problem_of
-from app.api.events import EVENT_STREAM, accepts_events, as_event, json_event, stream
+from app.api.events import EVENT_STREAM, accepts_events, as_event, stream
 from app.serving.runtime import Runtime
-from app.serving.service import PlanningService, ResolvedRequest
+from app.serving.service import ResolvedRequest
 from app.wire.answers import MultistepPlanResponse, PlanResponse
 from app.wire.batches import PlanBatchRequest
 from app.wire.model import build_checks
@@ -59,7 +59,7 @@ async def plan_multistep(body: MultistepPlanRequest, request: Request) -> Respon
     service = runtime.service
     resolved = service.resolve(body, request.state.arrived)
     if accepts_events(request.headers):
-        return await _stream(request, runtime, service, resolved)
+        return await _stream(request, runtime, resolved)
     return await work_out(request, runtime, service, resolved)
 
 
@@ -88,20 +88,15 @@ async def plan_batch(body: PlanBatchRequest, request: Request) -> Response:
     request.state.log_fields |= batch.log_fields
     describe = partial(problem_of, path=request.url.path)
 
-    def answer(part: range, waited_ms: float) -> list[bytes]:
-        return batch.answer(part, waited_ms, describe)
-
     with ExitStack() as stack:
         stack.enter_context(runtime.admission.answering(work))
         stack.enter_context(runtime.admission.admitted(work))
-        parts = runtime.workers.run_parts(
-            work, batch.parts(), answer, batch.parts_at_once, partial(hung_up, request)
-        )
+        parts = runtime.answer_batch(batch, describe, partial(hung_up, request))
         return BatchResponse(batch, parts, stack.pop_all())
 
 
 async def _stream(
-    request: Request, runtime: Runtime, service: PlanningService, resolved: ResolvedRequest[Any]
+    request: Request, runtime: Runtime, resolved: ResolvedRequest[MultistepPlanRequest]
 ) -> Response:
     """Do as `work_out` does, with an event for each segment as soon as it is planned."""
     work = resolved.work
@@ -109,15 +104,13 @@ async def _stream(
     work.answer_bytes *= 2  # the segments, and once more in the whole
 
     async def run(put: Callable[[bytes], None]) -> bytes:
-        def answer(waited_ms: float) -> tuple[bytes, dict[str, float]]:
-            result = service.answer(
-                resolved, waited_ms, lambda segment: put(json_event("segment", segment))
-            )
-            return json_event("plan", result), result["timing_ms"]
+        def tell(segment: bytes) -> None:
+            put(as_event("segment", segment))
 
-        event, timing = await runtime.workers.run(work, answer, partial(hung_up, request))
+        gone = partial(hung_up, request)
+        body, timing = await runtime.answer_in_segments(resolved, tell, gone)
         request.state.log_fields |= {f"{stage}_ms": ms for stage, ms in timing.items()}
-        return event
+        return as_event("plan", b"".join(body.parts))
 
     def problem(error: Exception) -> bytes:
         told = problem_of(error, request.url.path)

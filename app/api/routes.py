@@ -17,7 +17,7 @@ from app.api.dependencies import (
     problems,
 )
 from app.inference.device import LIBRARY_VERSION, choose_device
-from app.inference.model import Model
+from app.inference.model_card import ModelCard
 from app.inference.verification import ModelRejected
 from app.planning.plant.system import System
 from app.serving.kernels import available_cores
@@ -124,7 +124,7 @@ async def reload(runtime: RuntimeDependency) -> list[ModelDescription]:
     return await models(runtime.service)
 
 
-def _describe(model: Model) -> ModelDescription:
+def _describe(model: ModelCard) -> ModelDescription:
     manifest = model.manifest
     return ModelDescription(
         name=manifest.name,

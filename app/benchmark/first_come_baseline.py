@@ -4,12 +4,14 @@
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import click
 
 from app.inference.sampling import Sampling
 from app.main import create_app
 from app.server import Server
+from app.serving.local_runtime import LocalRuntime
 from app.settings import Settings
 from app.settings_options import SettingsCommand
 
@@ -27,7 +29,8 @@ def first_come_first_served(
 @click.command(cls=SettingsCommand)
 def serve(settings: Settings) -> None:
     """Serve plans over HTTP, whose samplings take turns in the order in which they came."""
-    Server(create_app(settings, first_come_first_served), settings).run()
+    make_runtime = partial(LocalRuntime, share=first_come_first_served)
+    Server(create_app(settings, make_runtime), settings).run()
 
 
 if __name__ == "__main__":

@@ -49,6 +49,12 @@ ARRIVAL_SECONDS = 30.0
     default=1,
     help="Requests under way at once; with more than one, times suffer.",
 )
+@click.option(
+    "--ray",
+    "on_ray",
+    is_flag=True,
+    help="With the service in this process: plan on a Ray cluster, RAY_ADDRESS or this machine.",
+)
 def evaluate(
     suites: tuple[str, ...],
     url: str | None,
@@ -57,6 +63,7 @@ def evaluate(
     quick: bool,
     seed: int,
     concurrency: int,
+    on_ray: bool,
 ) -> None:
     """Redo the paper's tables and figures, and more.
 
@@ -78,13 +85,19 @@ def evaluate(
     if unknown := sorted(set(suites) - SUITES.keys()):
         there_are = "\n".join(f"{name:22}{suite.__doc__}" for name, suite in SUITES.items())
         raise Failure(f"no suite {', '.join(unknown)}; there are\n{there_are}")
+    if on_ray and url:
+        raise Failure("--ray is for the service in this process, and --url for another one")
     chosen = [SUITES[name](seed, quick) for name in SUITES if name in (suites or SUITES)]
     try:
         if url is None:
             prepare(ALL)
         report = asyncio.run(
             run_evaluation(
-                chosen, lambda: connect(url, api_key), out, concurrency, Console(stderr=True)
+                chosen,
+                lambda: connect(url, api_key, on_ray=on_ray),
+                out,
+                concurrency,
+                Console(stderr=True),
             )
         )
     except (EvaluationError, RequestRefused, OSError) as error:
@@ -101,8 +114,10 @@ def evaluate(
 
 
 @asynccontextmanager
-async def connect(url: str | None, api_key: str | None) -> "AsyncIterator[AsyncPlannerClient]":
-    """Yield a client of the service at `url`, or of one in this process.
+async def connect(
+    url: str | None, api_key: str | None, *, on_ray: bool = False
+) -> "AsyncIterator[AsyncPlannerClient]":
+    """Yield a client of the service at `url`, or of one in this process, perhaps with replicas.
 
     Raises:
         Failure: the service in this process cannot be made.
@@ -118,7 +133,13 @@ async def connect(url: str | None, api_key: str | None) -> "AsyncIterator[AsyncP
     async with AsyncExitStack() as stack:
         transport: httpx.AsyncBaseTransport | None = None
         if url is None:
-            app = create_service(read_settings(PLAN_SETTINGS))
+            settings = read_settings(PLAN_SETTINGS)
+            if on_ray:
+                from app.deploy.in_process import cluster_service
+
+                app = stack.enter_context(cluster_service(settings))
+            else:
+                app = create_service(settings)
             service = await stack.enter_async_context(LifespanManager(app))
             transport = httpx.ASGITransport(service.app)
         else:

@@ -22,6 +22,7 @@ from app.inference.courtesy import give_way
 from app.inference.job import Job
 from app.inference.manifest import Manifest
 from app.inference.model import Model
+from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore
 from app.inference.networks import Kind
 from app.inference.row_threads import RowThreads
@@ -100,7 +101,7 @@ class Engine:
         kinds: Sequence[Kind] | None = None,
         serving: Sequence[Model] | None = None,
         wanted: Callable[[Manifest], bool] = lambda _: True,
-    ) -> ModelStore:
+    ) -> ModelStore[Model]:
         """Verify, load and warm up the models of a store, in the calling thread; see `ModelStore`.
 
         Raises:
@@ -110,9 +111,10 @@ class Engine:
         return ModelStore.load(store, device, self.row_threads, kinds, serving, wanted)
 
     def bind(
-        self, model: Model, job: Job, told: Told | None = None, *, keeps_steps: bool = False
+        self, model: ModelCard, job: Job, told: Told | None = None, *, keeps_steps: bool = False
     ) -> "EngineProposal":
-        """Return `model` as a learned proposal that samples here; arguments as for its class."""
+        """Return `model`, loaded here, as a learned proposal; arguments as for its class."""
+        assert isinstance(model, Model)
         return EngineProposal(self, model, job, told, keeps_steps=keeps_steps)
 
     def submit(

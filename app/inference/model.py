@@ -6,44 +6,28 @@ from dataclasses import dataclass
 import torch
 
 from app.inference.manifest import Manifest
+from app.inference.model_card import GUESS, ModelCard, Pace
 from app.inference.networks import Kind, build_network
 from app.inference.networks.base import Checkpoint, Network
 from app.inference.noise_levels import NoiseLevel, noise_levels
-from app.inference.pace import GUESS, Pace, measure_pace
+from app.inference.pace import measure_pace
 from app.inference.row_threads import RowThreads
 from app.inference.torchscript import read_torchscript
 from app.inference.verification import ModelRejected
 from app.planning.plant.spread import CERTAIN, Spread
-from app.planning.plant.system import System
 from app.planning.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
+class Model(ModelCard):
     """A verified checkpoint, loaded on a device."""
 
-    manifest: Manifest
     network: Network
     num_parameters: int
     """Of the checkpoint."""
     device: torch.device
-    pace: Pace
     noise_levels: Sequence[NoiseLevel]
     """At each diffusion time, and last without noise."""
-
-    @property
-    def label(self) -> str:
-        """`name/version`, as requests name it."""
-        return self.manifest.label
-
-    @property
-    def coverage(self) -> str:
-        """The plants and the horizon that the model was trained for, in words."""
-        return f"plants with {self.manifest.coverage}, and horizon {self.manifest.horizon}"
-
-    def covers(self, system: System, horizon: int) -> bool:
-        """Say whether the model was trained for such a plant and horizon."""
-        return self.manifest.covers(system, horizon)
 
     def condition(self, problem: Problem, spread: Spread = CERTAIN) -> torch.Tensor:
         """Return what the network knows of a problem and of how far its plant may be off, (C,)."""
@@ -83,7 +67,7 @@ def load_model(
     except RuntimeError as error:
         raise ModelRejected(f"{manifest.label}: the checkpoint does not run: {error}") from error
     levels = noise_levels(manifest.kind, manifest.alphas_cumprod)
-    return Model(manifest, network, num_parameters, device, pace, levels)
+    return Model(manifest, pace, network, num_parameters, device, levels)
 
 
 def _pace_of_one_like(

@@ -6,9 +6,12 @@ PyTorch is loaded with the first model, and not before: a compiled method plans 
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Generic
+
+from typing_extensions import TypeVar
 
 from app.inference.manifest import Manifest
+from app.inference.model_card import GUESS, ModelCard
 from app.inference.verification import find_skipped, find_versions, verify
 from app.planning.plant.system import System
 
@@ -18,6 +21,8 @@ if TYPE_CHECKING:
     from app.inference.model import Model
     from app.inference.networks import Kind
     from app.inference.row_threads import RowThreads
+
+M_co = TypeVar("M_co", bound=ModelCard, covariant=True, default="Model")
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +35,7 @@ class UnfitModel(LookupError):
     """No model covers the asked-for plant and horizon."""
 
 
-class ModelStore:
+class ModelStore(Generic[M_co]):
     """The models of a service, by name and version.
 
     Args:
@@ -38,20 +43,19 @@ class ModelStore:
         skipped: what else is there and is no model, and why.
     """
 
-    def __init__(self, models: "Sequence[Model]", skipped: Sequence[str] = ()) -> None:
-        self.models = sorted(models, key=lambda m: (m.manifest.name, -m.manifest.version))
+    def __init__(self, models: Sequence[M_co], skipped: Sequence[str] = ()) -> None:
+        self.models = sorted(models, key=_name_and_age)
         self._skipped = skipped
 
-    @classmethod
+    @staticmethod
     def load(
-        cls,
         directory: Path,
         device: "torch.device",
         threads: "RowThreads",
         kinds: "Sequence[Kind] | None" = None,
         serving: "Sequence[Model] | None" = None,
         wanted: Callable[[Manifest], bool] = lambda _: True,
-    ) -> Self:
+    ) -> "ModelStore[Model]":
         """Verify every model under `directory`, load and warm up those that do not serve yet.
 
         Args:
@@ -70,19 +74,28 @@ class ModelStore:
         from app.inference.networks import KINDS
 
         verified = [verify(path) for path in find_versions(directory)]
-        skipped = find_skipped(directory)
-        if skipped:
-            log.warning("skipped in the model store %s: %s", directory, ", ".join(skipped))
-        return cls(
+        return ModelStore(
             [
                 load_model(manifest, content, device, threads, kinds or KINDS, serving)
                 for manifest, content in verified
                 if wanted(manifest)
             ],
-            skipped,
+            _skipped(directory),
         )
 
-    def find(self, reference: str) -> "Model":
+    @staticmethod
+    def cards(directory: Path) -> "ModelStore[ModelCard]":
+        """Verify every model under `directory`, and load none: others run them.
+
+        Raises:
+            ModelRejected: one of them is not what its manifest says.
+        """
+        verified = [verify(path) for path in find_versions(directory)]
+        return ModelStore(
+            [ModelCard(manifest, GUESS) for manifest, _ in verified], _skipped(directory)
+        )
+
+    def find(self, reference: str) -> M_co:
         """Return the model called `name` (its latest version) or `name/version`.
 
         Raises:
@@ -93,7 +106,7 @@ class ModelStore:
                 return model
         raise UnknownModel(f"no model {reference!r}; there are: {self._labels()}")
 
-    def covering(self, system: System, horizon: int, *, may_be_off: bool = False) -> "Model":
+    def covering(self, system: System, horizon: int, *, may_be_off: bool = False) -> M_co:
         """Return the first model by name, in its latest version, that covers plant and horizon.
 
         For a plant that `may_be_off` the first that knows of such, if there is one.
@@ -114,3 +127,14 @@ class ModelStore:
     def _labels(self) -> str:
         labels = ", ".join(model.label for model in self.models) or "none"
         return f"{labels}; skipped: {', '.join(self._skipped)}" if self._skipped else labels
+
+
+def _name_and_age(model: ModelCard) -> tuple[str, int]:
+    return model.manifest.name, -model.manifest.version
+
+
+def _skipped(directory: Path) -> list[str]:
+    skipped = find_skipped(directory)
+    if skipped:
+        log.warning("skipped in the model store %s: %s", directory, ", ".join(skipped))
+    return skipped

@@ -6,10 +6,10 @@ of one like it, or a guess.
 
 import math
 from time import perf_counter
-from typing import NamedTuple
 
 import torch
 
+from app.inference.model_card import Pace
 from app.inference.networks.base import Network
 
 SIZES = (16, 32, 64, 128, 256)
@@ -19,19 +19,6 @@ OVERHEAD_SECONDS = 2e-4
 TOLERANCE = 1.1
 """Up to this much above the least time a row is as good: the fewer rows a tick takes, the sooner
 the next one begins, with whoever has come meanwhile."""
-
-
-class Pace(NamedTuple):
-    """What a network does best."""
-
-    rows_at_once: int
-    """The fewest rows with which a row takes about the least time."""
-    seconds_per_row: float
-
-
-GUESS = Pace(rows_at_once=32, seconds_per_row=2e-4)
-"""About the paper's network by TorchScript on two cores: rather too slow for most. The rates by
-which requests are admitted are measured as the model runs."""
 
 
 @torch.inference_mode()

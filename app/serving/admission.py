@@ -4,16 +4,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from app.inference.job import Job
+from app.inference.model_card import ModelCard
 from app.serving.forecast import finish_times, queue_times, turn_times
 from app.serving.rates import Rates
 from app.serving.refusals import Refused
 from app.settings import Settings
-
-if TYPE_CHECKING:
-    from app.inference.model import Model
 
 MARGIN = 1.75
 """A forecast may be this much too short."""
@@ -37,7 +35,7 @@ a batch wait among the long ones, each for its own turn."""
 class Work(Job):
     """A job with all that it takes, as far as that is known when it arrives."""
 
-    model: "Model | None"
+    model: ModelCard | None
     """None where nothing goes through a network."""
     rows_per_step: int
     """Rows that can go through the network at once."""
@@ -83,6 +81,11 @@ class Admission:
         return len(self._admitted)
 
     @property
+    def scale(self) -> int:
+        """How many times the bounds are allowed."""
+        return 1
+
+    @property
     def works(self) -> list[Work]:
         """All that was taken on and is not done."""
         return list(self._admitted)
@@ -100,6 +103,19 @@ class Admission:
             requests, rows, answer_bytes = by_model.get(label, Pending(0, 0))
             by_model[label] = Pending(requests, rows, answer_bytes + work.answer_bytes)
         return by_model
+
+    @property
+    def queued(self) -> dict[Lane, float]:
+        """Seconds until all in each lane is done that was taken on; of those with something."""
+        seconds: dict[Lane, float] = {}
+        for work, lane in self._admitted.items():
+            computing = self._computing_seconds(work) / self._compiled_at_once
+            if work.model:
+                computing += self._rates.seconds_of_rows(
+                    work.model, work.rows_left, is_crowded=False
+                )
+            seconds[lane] = seconds.get(lane, 0.0) + computing
+        return seconds
 
     @contextmanager
     def answering(self, work: Work) -> Iterator[None]:
@@ -124,10 +140,15 @@ class Admission:
         Raises:
             Refused: there is too much to do already, or it or another one would miss its deadline.
         """
-        lane = self._lane(work)
         self._check_cost(work)
-        self._check_deadlines(work, lane)
-        self._admitted[work] = lane
+        self._check_deadlines(work, self._lane(work))
+        with self.taken_on(work) as lane:
+            yield lane
+
+    @contextmanager
+    def taken_on(self, work: Work) -> Iterator[Lane]:
+        """Do as `admitted` does, and ask nothing: whoever hands it on has."""
+        lane = self._admitted[work] = self._lane(work)
         try:
             yield lane
         finally:
@@ -159,7 +180,7 @@ class Admission:
                 settings.max_pending_rollout_steps,
             ),
         ):
-            if value > limit:
+            if value > limit * self.scale:
                 raise _queue_full(value, what)
 
     def _check_deadlines(self, new: Work, lane: Lane) -> None:
@@ -230,7 +251,7 @@ class Admission:
         }
 
 
-def _label(model: "Model | None") -> str:
+def _label(model: ModelCard | None) -> str:
     return model.label if model else NONE
 
 

@@ -28,6 +28,7 @@ def resolve_batch(
     rates: Rates,
     num_cores: int,
     arrived: float | None = None,
+    first: int = 0,
 ) -> Batch:
     """Settle what the problems of a batch share, and refuse what it may not ask.
 
@@ -41,6 +42,7 @@ def resolve_batch(
         rates: how fast parts of batches are done, and told so.
         num_cores: on which parts are worked on at once.
         arrived: when it did, by `perf_counter`; None for now.
+        first: the index of its first problem in a larger batch, of which this is a part.
 
     Raises:
         UnknownModel, UnfitModel, InvalidField: as `PlanningService.resolve`, of what is shared.
@@ -68,7 +70,7 @@ def resolve_batch(
         answer_bytes=parts_at_once * max(MOST_PART_BYTES, one.answer_bytes),
         is_batch=True,
     )
-    return Batch(request, stand_in, work, parts_at_once, is_shared, service, rates)
+    return Batch(request, stand_in, work, parts_at_once, is_shared, first, service, rates)
 
 
 def _stand_in(

@@ -44,6 +44,8 @@ class Batch:
     parts_at_once: int
     is_stand_in_shared: bool
     """Whether its plant is that of every problem which names none."""
+    first: int
+    """The index of its first problem in a larger batch, of which this is a part."""
     _service: PlanningService
     _rates: Rates
 
@@ -111,7 +113,7 @@ class Batch:
             InvalidFields, InvalidField, UnfitModel: it is at fault.
         """
         written: Any = self.request.problems[index]
-        place = f"/problems/{index}"
+        place = f"/problems/{self.first + index}"
         try:
             problem = BatchProblem.model_validate(written)
         except ValidationError as error:
@@ -119,7 +121,7 @@ class Batch:
             raise InvalidFields(
                 [FieldError(pointer=place + own.pointer, detail=own.detail) for own in found]
             ) from None
-        seed = problem_seed(self.seed, index) if problem.seed is None else problem.seed
+        seed = problem_seed(self.seed, self.first + index) if problem.seed is None else problem.seed
         own = {
             "initial_state": problem.initial_state,
             "target_state": problem.target_state,
@@ -160,13 +162,13 @@ class Batch:
             return
         for (index, resolved), (answer, timing) in zip(run.items(), answers, strict=True):
             in_network = timing.queue + timing.propose if resolved.model else 0.0
-            yield {"index": index} | answer, in_network
+            yield {"index": self.first + index} | answer, in_network
 
     def _failure(self, index: int, error: Exception, describe: Describe) -> dict[str, Any]:
         problem = describe(error)
         if problem.status == INTERNAL_ERROR:
             log.warning("problem %d of a batch failed", index, exc_info=error)
-        return {"index": index, "problem": problem.model_dump(exclude_none=True)}
+        return {"index": self.first + index, "problem": problem.model_dump(exclude_none=True)}
 
     def _write(self, lines: list[dict[str, Any]]) -> Iterator[bytes]:
         text = bytearray()

@@ -37,6 +37,7 @@ ANSWER_BYTES = 30_000
 class ResolvedStep:
     """A step with nothing left open."""
 
+    request: wire.ControlRequest
     controller: AnyController
     system: System
     measurement: Measurement
@@ -49,6 +50,11 @@ class ResolvedStep:
     """Of a fallback."""
     seed: int | None
     work: Work
+
+    @property
+    def settled(self) -> wire.ControlRequest:
+        """The request with its seed: whoever answers it answers the same."""
+        return self.request.model_copy(update={"seed": self.seed})
 
     @property
     def log_fields(self) -> dict[str, Any]:
@@ -123,6 +129,7 @@ class ControlService:
             answer_bytes=ANSWER_BYTES,
         )
         return ResolvedStep(
+            request,
             controller,
             system,
             measurement,

@@ -5,6 +5,7 @@ Who is let in, and where steps are computed, is in control_sessions.py.
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any, Literal, TypeAlias
 
@@ -57,10 +58,10 @@ class Loop:
         return (self.seconds.seconds_per_unit + MESSAGE_SECONDS) / self.system.time_step
 
 
-Compute: TypeAlias = Callable[
-    [Loop, Callable[[], ControlStep]], Awaitable[tuple[ControlStep, float]]
-]
-"""Calls a function that does a step of a loop; returns it, and the seconds that it took."""
+Take: TypeAlias = Callable[[], ControlStep]
+"""Does a step of a loop."""
+Compute: TypeAlias = Callable[[Take, float], Awaitable[tuple[ControlStep, float]]]
+"""Has a step done that takes about so many seconds; returns it, and the seconds that it took."""
 
 
 class Session:
@@ -154,18 +155,17 @@ class Session:
         measurement = Measurement(message.position, message.velocity)
         check_measured("/velocity", loop.controller, measurement)
 
-        def take() -> ControlStep:
-            return control_step(
-                loop.controller,
-                loop.system,
-                measurement,
-                loop.goal,
-                loop.memory,
-                pending_controls=loop.pending_controls,
-                ensemble=loop.ensemble,
-            )
-
-        taken, seconds = await self._compute(loop, take)
+        take = partial(
+            control_step,
+            loop.controller,
+            loop.system,
+            measurement,
+            loop.goal,
+            loop.memory,
+            pending_controls=loop.pending_controls,
+            ensemble=loop.ensemble,
+        )
+        taken, seconds = await self._compute(take, loop.seconds.seconds_per_unit)
         loop.seconds.add(seconds, 1)
         total_ms = 1e3 * (perf_counter() - arrived)
         is_late = total_ms > loop.deadline_ms

@@ -83,7 +83,7 @@ class IdentificationService:
         )
         seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
         predicts = "predictions" in request.include
-        return ResolvedIdentification(request.question, log, seed, predicts, work)
+        return ResolvedIdentification(request, request.question, log, seed, predicts, work)
 
     def answer(self, resolved: "ResolvedIdentification", waited_ms: float = 0.0) -> dict[str, Any]:
         """Identify, and say what came of it.
@@ -131,12 +131,18 @@ class IdentificationService:
 class ResolvedIdentification:
     """A request with nothing left open."""
 
+    request: IdentifyRequest
     question: Question
     log: Log
     seed: int
     predicts: bool
     """Whether the answer holds predictions."""
     work: Work
+
+    @property
+    def settled(self) -> IdentifyRequest:
+        """The request with its seed: whoever answers it answers the same."""
+        return self.request.model_copy(update={"seed": self.seed})
 
     @property
     def log_fields(self) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from typing import TYPE_CHECKING
 
+from app.inference.model_card import ModelCard
+
 if TYPE_CHECKING:
     from app.inference.engine import Tick
-    from app.inference.model import Model
 
 SECONDS_PER_STEP = 2e-8
 """Of a simulated time step, before the first plan of a kind: a guess, rather too long."""
@@ -49,7 +50,12 @@ class Rates:
         """Count the simulated time steps of a plan."""
         self._steps.setdefault(kind, Rate(SECONDS_PER_STEP, PRIOR_STEPS)).add(seconds, steps)
 
-    def seconds_of_rows(self, model: "Model", rows: int, *, is_crowded: bool) -> float:
+    @property
+    def seconds_per_step(self) -> dict[str, float]:
+        """Of simulated time steps, by kind of plan: of those that were measured."""
+        return {kind: rate.seconds_per_unit for kind, rate in self._steps.items()}
+
+    def seconds_of_rows(self, model: ModelCard, rows: int, *, is_crowded: bool) -> float:
         """Return about how long that many rows take, alone or beside long compiled plans."""
         return rows * self._of(model, is_crowded).seconds_per_unit
 
@@ -58,7 +64,7 @@ class Rates:
         rate = self._steps.get(kind)
         return steps * (rate.seconds_per_unit if rate else SECONDS_PER_STEP)
 
-    def _of(self, model: "Model", is_crowded: bool) -> Rate:
+    def _of(self, model: ModelCard, is_crowded: bool) -> Rate:
         rate = self._rows.get((model.label, is_crowded))
         if rate is None:
             seconds = model.pace.seconds_per_row * (CROWDED if is_crowded else 1.0)

@@ -1,97 +1,103 @@
-"""What lives as long as the service: models, engine and workers; their start and their end."""
+"""What the routes talk to: requests are settled here, and answered by whoever computes.
+
+`LocalRuntime` computes in this process; app/deploy has one whose work a cluster does.
+"""
 
 import asyncio
-import logging
-import threading
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
-from time import perf_counter
-from typing import TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from typing import Any, Protocol, TypeAlias, TypeVar
 
-import anyio
-import anyio.to_thread
-
-from app.compilation.parts import Part, are_kept, compile_missing
-from app.inference.device import choose_device
-from app.inference.engine import Engine, Tick, Watch
-from app.inference.model import Model
+from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore
-from app.inference.networks import KINDS
-from app.inference.shares import Share
-from app.inference.verification import ModelRejected
-from app.memory import set_aside_what_stays
-from app.planning.warm_up import warm_up, warm_up_loops
-from app.serving.admission import NONE, Admission, Pending
+from app.serving.admission import NONE, Admission, Pending, Work
 from app.serving.batch_resolution import resolve_batch
-from app.serving.batches import Batch
+from app.serving.batches import Batch, Describe
+from app.serving.bodies import Body
 from app.serving.control import ControlService
+from app.serving.control_session import Compute
 from app.serving.control_sessions import ControlSessions
 from app.serving.identification import IdentificationService
-from app.serving.kernels import LOOPS, NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
-from app.serving.refusals import NotReady, ShuttingDown
-from app.serving.service import PlanningService
+from app.serving.refusals import NotReady
+from app.serving.service import PlanningService, ResolvedRequest
 from app.serving.simulation import SimulationService
-from app.serving.workers import Workers
 from app.settings import Settings
-from app.terminal import progress_line
 from app.wire.batches import PlanBatchRequest
+from app.wire.model import Asked
+from app.wire.requests import MultistepPlanRequest
 
 POLL_SECONDS = 0.02
 
-T = TypeVar("T")
-
-log = logging.getLogger(__name__)
-
-
-def reason(error: Exception) -> str:
-    """Return what went wrong, in one line; the error's kind where that says more."""
-    text = str(error)
-    return text if isinstance(error, ModelRejected) else f"{type(error).__name__}: {text}"
+Gone: TypeAlias = Callable[[], Awaitable[None]]
+"""Returns when nobody waits for the answer any more."""
+Answered: TypeAlias = tuple[Body, dict[str, float]]
+"""An answer's body, and its `timing_ms`."""
 
 
-class Runtime:
+class Resolved(Protocol):
+    """A request with nothing left open."""
+
+    @property
+    def work(self) -> Work: ...
+
+    @property
+    def log_fields(self) -> dict[str, Any]: ...
+
+    @property
+    def settled(self) -> Asked: ...
+
+
+T = TypeVar("T", bound=Resolved)
+T_contra = TypeVar("T_contra", bound=Resolved, contravariant=True)
+
+
+class Answers(Protocol[T_contra]):
+    """What works out the answers to such requests."""
+
+    def answer(self, resolved: T_contra, waited_ms: float) -> dict[str, Any]: ...
+
+
+class Runtime(ABC):
     """The parts behind the routes; `service` exists once it is ready.
 
     Args:
         settings: of the service.
-        watch: told of every batch of the engine, in the engine's thread.
-        share: says whose rows go through the network next.
+        rates: how fast work gets done.
+        admission: says who may come in.
+        steps_of_session: returns what has the steps of one control session computed.
+        network_threads: cores that compute.
     """
 
-    def __init__(self, settings: Settings, watch: Watch, share: Share) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        rates: Rates,
+        admission: Admission,
+        steps_of_session: Callable[[], Compute],
+        network_threads: int,
+    ) -> None:
         self.settings = settings
-        self.network_threads = available_cores()
-        self._rates = Rates()
-
-        def watch_tick(tick: Tick) -> None:
-            self._rates.add_tick(tick)
-            watch(tick)
-
-        self._device = choose_device()
-        self._engine = Engine(self.network_threads, watch_tick, share)
-        # As if the network always had work: nobody is promised a core that it may need.
-        compiled_at_once = max(1, self.network_threads - 1)
-        self.admission = Admission(settings, self._rates, compiled_at_once)
-        self.workers = Workers(self.admission, self._engine.row_threads)
-        self._simulation = SimulationService(settings, self._rates)
-        self._control = ControlService(settings, self._rates)
-        self._sessions = ControlSessions(settings, self.network_threads)
-        self._loading = asyncio.Lock()
+        self.admission = admission
+        self.network_threads = network_threads
+        self.rates = rates
+        """How fast work gets done."""
+        self._simulation = SimulationService(settings, rates)
+        self._control = ControlService(settings, rates)
+        self._identification = IdentificationService(settings, rates)
+        self._sessions = ControlSessions(settings, steps_of_session)
         self._service: PlanningService | None = None
-        self._identification = IdentificationService(settings, self._rates)
         self._draining = False
         self._state = "the service is starting"
         self._has_loops = False
         """Whether what is not a plan is compiled, too."""
-        self._stop = threading.Event()
         self.started = asyncio.Event()
         """Set once the service is ready, or has failed to become so."""
         self.failed = False
 
     @property
     def service(self) -> PlanningService:
-        """The service behind the routes.
+        """The service behind the routes that plan.
 
         Raises:
             NotReady: it is starting, could not start, or is draining.
@@ -100,15 +106,16 @@ class Runtime:
             raise NotReady(self._state)
         return self._service
 
-    def batch(self, request: PlanBatchRequest, arrived: float) -> Batch:
+    def batch(self, request: PlanBatchRequest, arrived: float, first: int = 0) -> Batch:
         """Settle what the problems of a batch share; errors as for `service` and `resolve_batch`.
 
         Args:
             request: as it came.
             arrived: when it did, by `perf_counter`.
+            first: the index of its first problem in a larger batch, of which this is a part.
         """
-        cores = self.network_threads
-        return resolve_batch(self.service, request, self.settings, self._rates, cores, arrived)
+        service, settings, cores = self.service, self.settings, self.network_threads
+        return resolve_batch(service, request, settings, self.rates, cores, arrived, first)
 
     @property
     def identification(self) -> IdentificationService:
@@ -156,130 +163,84 @@ class Runtime:
         idle = {label: Pending(0, 0) for label in (NONE, *(model.label for model in models))}
         return idle | self.admission.pending
 
-    async def start(self) -> None:
-        """Load everything in a thread, while the probes answer; then compile what may wait."""
-        try:
-            await self.load()
-        except NotReady:
-            log.info("ended before it was ready")
-            return
-        except Exception as error:
-            # Whatever it is: a service that says nothing for ever helps nobody.
-            self.failed = True
-            known = isinstance(error, ModelRejected)
-            self._state = f"the service could not start: {reason(error)}"
-            log.error(self._state, exc_info=None if known else error)
-            return
-        finally:
-            self.started.set()
-        await self._compile_loops()
-        await self._compile_network()
-
-    async def load(self) -> None:
-        """Load what is new in the store beside the models in use, then put all in their place.
-
-        Plans under way keep the models that they began with.
-
-        Raises:
-            ModelRejected: a model is not what its manifest says; those in use stay.
-            NotReady: the service is draining.
-        """
-        async with self._loading:
-            started = perf_counter()
-            serving = self._service.models.models if self._service else None
-            models = await self._in_thread(lambda: self._load(serving))
-            self._put_in_place(models)
-            labels = ", ".join(model.label for model in models.models) or "no models"
-            log.info("ready after %.1f s with %s", perf_counter() - started, labels)
-
-    def _load(self, serving: Sequence[Model] | None) -> ModelStore:
-        """Compile what planning needs, and load the models; blocks.
-
-        Raises:
-            ModelRejected: a model is not what its manifest says.
-            NotReady: the service is draining.
-        """
-        with progress_line() as show:
-
-            def tell(text: str) -> None:
-                show(text)
-                if self._service is None and not self._draining:
-                    self._state = f"the service is starting: {text}"
-
-            compile_missing(PLANNING, self.network_threads, tell, self._stop)
-            if self._stop.is_set():
-                raise NotReady(self._state)
-            tell("loading models")
-            warm_up()
-            if are_kept(LOOPS):
-                self._warm_up_loops()
-            kinds = KINDS if are_kept(NETWORK) else KINDS[-1:]
-            return self._engine.load(self.settings.model_store, self._device, kinds, serving)
-
-    def _put_in_place(self, models: ModelStore) -> None:
-        if self._draining:
-            raise NotReady(self._state)
-        self._service = PlanningService(self.settings, models, self._engine, self._rates)
-        set_aside_what_stays()
-
-    async def _compile_loops(self) -> None:
-        """Compile what plans do without, while they are served."""
-        if self._has_loops:
-            return
-        log.info("plans are served; closed loops and machines from logs when they are compiled")
-        try:
-            await self._in_thread(partial(self._compile, LOOPS))
-            if not self._draining:
-                await self._in_thread(self._warm_up_loops)
-                log.info("closed loops and machines from logs are served, too")
-        except Exception as error:
-            log.warning("no closed loops, and no machines from logs: %s", reason(error))
-
-    async def _compile_network(self) -> None:
-        """Put compiled networks in the place of TorchScript, which served until they were here."""
-        if self._device.type != "cpu" or not self.service.models.models or are_kept(NETWORK):
-            return
-        log.info("TorchScript runs the models until their kernels are compiled")
-        try:
-            await self._in_thread(partial(self._compile, NETWORK))
-            async with self._loading:
-                store = self.settings.model_store
-                models = await self._in_thread(lambda: self._engine.load(store, self._device))
-                self._put_in_place(models)
-        except NotReady:
-            pass
-        except Exception as error:
-            log.warning("TorchScript goes on running the models: %s", reason(error))
-        else:
-            log.info("the models run compiled")
-
-    def _warm_up_loops(self) -> None:
-        warm_up_loops()
-        self._has_loops = True
-
-    def _compile(self, parts: Iterable[Part]) -> None:
-        compile_missing(parts, self.network_threads, lambda _: None, self._stop)
-
-    async def _in_thread(self, function: Callable[[], T]) -> T:
-        """Return `function()`, called in a thread that nobody waits for once the service ends."""
-        return await anyio.to_thread.run_sync(function, abandon_on_cancel=True)
-
     async def drain(self) -> None:
         """Refuse new work, and return when what was taken on is done."""
         self._draining = True
-        self._stop.set()
         self._service = None
         self._state = "the service is draining"
         await self._sessions.drain()
         while len(self.admission):
             await asyncio.sleep(POLL_SECONDS)
 
+    def _put_in_place(self, service: PlanningService) -> None:
+        if self._draining:
+            raise NotReady(self._state)
+        self._service = service
+
+    @abstractmethod
+    async def start(self) -> None:
+        """Make everything ready, while the probes answer."""
+
+    @abstractmethod
+    async def load(self) -> ModelStore[ModelCard]:
+        """Put what is new in the model store in the place of the models in use.
+
+        Raises:
+            ModelRejected: a model is not what its manifest says; those in use stay.
+            NotReady: the service is draining.
+        """
+
+    @abstractmethod
+    async def answer(
+        self, service: Answers[T], resolved: T, *, accepts_gzip: bool, gone: Gone
+    ) -> Answered:
+        """Have a request answered within its deadline, and while its client waits.
+
+        Args:
+            service: that settled it.
+            resolved: the request.
+            accepts_gzip: whether the body may be compressed.
+            gone: returns when nobody waits for it any more.
+
+        Raises:
+            Refused: it was not taken on.
+            Stopped: DeadlineExceeded, ClientGone or ShuttingDown.
+            Exception: what the service raises.
+        """
+
+    @abstractmethod
+    async def answer_in_segments(
+        self,
+        resolved: ResolvedRequest[MultistepPlanRequest],
+        told: Callable[[bytes], None],
+        gone: Gone,
+    ) -> Answered:
+        """Do as `answer` does, and call `told` with each segment's JSON as soon as it is planned.
+
+        `told` is called from any thread.
+        """
+
+    @abstractmethod
+    def answer_batch(
+        self, batch: Batch, describe: Describe, gone: Gone
+    ) -> AsyncGenerator[tuple[range, list[bytes]], None]:
+        """Yield parts of a batch with their lines, in whatever order they get done.
+
+        The admission is the caller's; whoever takes the parts sets the pace.
+
+        Args:
+            batch: that was admitted.
+            describe: says how an error is told.
+            gone: returns when nobody waits for it any more.
+
+        Raises:
+            Stopped: ClientGone, or whatever else it was stopped with but its deadline.
+        """
+
+    @abstractmethod
     def abort(self) -> None:
         """Stop all that was taken on."""
-        for work in self.admission.works:
-            work.stop.set(ShuttingDown("the service was told to end at once"))
 
+    @abstractmethod
     def close(self) -> None:
-        """End the engine, when nothing is under way any more."""
-        self._sessions.close()
-        self._engine.close()
+        """End, when nothing is under way any more."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
+from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore, UnfitModel
 from app.planning.arrays import FloatArray
 from app.planning.methods import WarmStarted
@@ -45,7 +46,6 @@ from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest, State
 
 if TYPE_CHECKING:
     from app.inference.engine import Engine
-    from app.inference.model import Model
 
 AnyRequest: TypeAlias = PlanRequest | MultistepPlanRequest
 R = TypeVar("R", PlanRequest, MultistepPlanRequest)
@@ -71,7 +71,11 @@ class PlanningService:
     """
 
     def __init__(
-        self, settings: Settings, models: ModelStore, engine: "Engine | None", rates: Rates
+        self,
+        settings: Settings,
+        models: ModelStore[ModelCard],
+        engine: "Engine | None",
+        rates: Rates,
     ) -> None:
         self._settings = settings
         self.models = models
@@ -297,7 +301,7 @@ class ResolvedRequest(Generic[R]):
     system: System
     horizon: int
     seed: int
-    model: "Model | None"
+    model: ModelCard | None
     """None where nothing goes through a network."""
     work: Work
 
@@ -314,6 +318,11 @@ class ResolvedRequest(Generic[R]):
         if not self.request.pending_controls:
             return initial_state
         return state_after(self.request.pending_controls, initial_state, self.system)
+
+    @property
+    def settled(self) -> R:
+        """The request with its seed: whoever answers it answers the same."""
+        return self.request.model_copy(update={"seed": self.seed})
 
     @property
     def log_fields(self) -> dict[str, Any]:

@@ -49,6 +49,11 @@ class ResolvedSimulation:
     work: Work
 
     @property
+    def settled(self) -> SimulateRequest:
+        """The request with its seed: whoever answers it answers the same."""
+        return self.request.model_copy(update={"seed": self.seed})
+
+    @property
     def name(self) -> str:
         """Of the controller."""
         return self.request.controller.name if self.request.controller else "controls"

@@ -3,7 +3,7 @@
 import asyncio
 import math
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, nullcontext
+from contextlib import aclosing, asynccontextmanager, contextmanager, nullcontext
 from functools import partial
 from time import perf_counter
 from typing import TypeVar
@@ -14,6 +14,7 @@ import anyio.to_thread
 from app.inference.row_threads import RowThreads
 from app.planning.stop import Stopped
 from app.serving.admission import Admission, Lane, Work
+from app.serving.in_parts import as_done
 from app.serving.refusals import ClientGone, DeadlineExceeded
 
 P = TypeVar("P")
@@ -89,26 +90,19 @@ class Workers:
         Raises:
             Stopped: ClientGone, or whatever else the job was stopped with but its deadline.
         """
-        under_way: dict[asyncio.Task[T], P] = {}
 
-        def begin() -> None:
-            while len(under_way) < at_once and (part := next(parts, None)) is not None:
-                doing = self._run_part(work, waiting, partial(function, part))
-                under_way[asyncio.create_task(doing)] = part
+        def run(part: P) -> Awaitable[T]:
+            return self._run_part(work, waiting, partial(function, part))
 
-        async with _while_wanted(work, gone) as waiting:
-            try:
-                begin()
-                while under_way:
-                    done, _ = await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
-                    for task in done:
-                        part = under_way.pop(task)
-                        yield part, task.result()
-                        begin()
-            finally:
-                # Threads cannot be cancelled; they heed the stop, and soon.
-                waiting.stop(ClientGone("nobody takes the results any more"))
-                await asyncio.gather(*under_way, return_exceptions=True)
+        def stop() -> None:  # threads cannot be cancelled; they heed it, and soon
+            waiting.stop(ClientGone("nobody takes the results any more"))
+
+        async with (
+            _while_wanted(work, gone) as waiting,
+            aclosing(as_done(parts, run, at_once, stop)) as done,
+        ):
+            async for part, result in done:
+                yield part, result
 
     async def _run_part(self, work: Work, waiting: "_Waiting", function: Callable[[float], T]) -> T:
         begun = perf_counter()

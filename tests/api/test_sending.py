@@ -17,10 +17,11 @@ import httpx
 import numpy as np
 import pytest
 
-from app.api.sending import accepts_gzip, make_body
+from app.api.sending import accepts_gzip
 from app.client import PlannerClient, PlanRequest
 from app.launch import START_SECONDS
 from app.planning.stop import Stop
+from app.serving.bodies import make_body
 from app.serving.refusals import DeadlineExceeded
 from app.settings import Settings
 from tests.metrics import value

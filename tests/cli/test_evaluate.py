@@ -63,3 +63,29 @@ def test_an_absent_service_is_said_soon(
     done = invoke("evaluate", "--quick", "--url", url, "--out", str(tmp_path))
     assert done.exit_code == 1
     assert f"no answer from {url}" in done.stderr
+
+
+def untimed_tables(report: bytes) -> list[bytes]:
+    blocks = (block.strip() for block in report.split(b"\n\n"))
+    return [block for block in blocks if block.startswith(b"|") and b"Time" not in block]
+
+
+@pytest.mark.slow
+def test_on_a_cluster_the_tables_are_the_same_to_the_byte(
+    paper_store: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("ray")
+    options = ("multistep-reference", "single-target", "--quick", "--out")
+    tables = {}
+    for folder, more in (("alone", ()), ("cluster", ("--ray", "--concurrency", "4"))):
+        done = run("evaluate", *options, folder, *more, cwd=tmp_path, store=paper_store)
+        assert done.returncode == 0, done.stderr
+        tables[folder] = untimed_tables((tmp_path / folder / "report.md").read_bytes())
+    assert len(tables["alone"]) > 3
+    assert tables["alone"] == tables["cluster"]
+
+
+def test_a_cluster_is_for_the_service_in_this_process(tmp_path: Path) -> None:
+    done = invoke("evaluate", "--ray", "--url", "http://127.0.0.1", "--out", str(tmp_path))
+    assert done.exit_code == 1
+    assert "--ray is for the service in this process" in done.stderr

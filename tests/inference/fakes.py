@@ -16,9 +16,9 @@ from app.inference.engine import Engine
 from app.inference.job import Job
 from app.inference.manifest import Losses, Manifest
 from app.inference.model import Model
+from app.inference.model_card import Pace
 from app.inference.networks.base import Network
 from app.inference.noise_levels import noise_levels
-from app.inference.pace import Pace
 from app.inference.sampling import Sampling, sample_alone
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion
@@ -127,7 +127,7 @@ def fake_model(
         }
     )
     levels = noise_levels(manifest.kind, manifest.alphas_cumprod)
-    return Model(manifest, network, 0, CPU, Pace(rows_at_once, 1e-6), levels)
+    return Model(manifest, Pace(rows_at_once, 1e-6), network, 0, CPU, levels)
 
 
 class Asked(NamedTuple):

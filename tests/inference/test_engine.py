@@ -17,10 +17,10 @@ from app.inference.engine import Engine, Tick
 from app.inference.job import Job
 from app.inference.manifest import CHECKPOINT_FILE
 from app.inference.model import Model
+from app.inference.model_card import Pace
 from app.inference.model_store import ModelStore
 from app.inference.networks.base import Checkpoint, Network
 from app.inference.networks.scripted import ScriptedNetwork
-from app.inference.pace import Pace
 from app.inference.row_threads import RowThreads
 from app.inference.solvers import SOLVERS
 from app.inference.torchscript import read_torchscript

@@ -13,10 +13,11 @@ from app.inference import model as model_module
 from app.inference.device import CPU
 from app.inference.manifest import CHECKPOINT_FILE, MANIFEST_FILE
 from app.inference.model import Model
+from app.inference.model_card import GUESS, Pace
 from app.inference.model_store import ModelStore, UnfitModel, UnknownModel
 from app.inference.networks.compiled import CompiledNetwork
 from app.inference.networks.scripted import ScriptedNetwork
-from app.inference.pace import GUESS, SIZES, Pace
+from app.inference.pace import SIZES
 from app.inference.row_threads import RowThreads
 from app.inference.torchscript import read_torchscript, to_torchscript
 from app.inference.verification import ModelRejected, find_versions, verify

@@ -10,6 +10,8 @@ import httpx
 from rich.console import Console
 
 from tests.load.chaos import chaos
+from tests.load.cluster import cluster
+from tests.load.cluster_day import cluster_day
 from tests.load.large_answers import large_answers
 from tests.load.overload import overload
 from tests.load.verdict import Verdict
@@ -53,6 +55,29 @@ def chaos_command(minutes: float, seed: int) -> None:
 def large_answers_command(clients: list[int]) -> None:
     """Start a service, and ask for 17 MB at once: clients read, then they never do."""
     _tell(asyncio.run(large_answers(clients)))
+
+
+@load.command("cluster")
+@click.option("--minutes", default=3.0, show_default=True, help="How long it lasts.")
+@click.option("--kill-every", default=20.0, show_default=True, help="Seconds between two deaths.")
+@click.option("--seed", default=0, show_default=True, help="Decides the requests.")
+def cluster_command(minutes: float, kill_every: float, seed: int) -> None:
+    """Start the service on Ray Serve, and kill one of its replicas again and again."""
+    with tempfile.TemporaryDirectory() as folder:
+        _tell(asyncio.run(cluster(60 * minutes, kill_every, seed, Path(folder))))
+
+
+@load.command("cluster-day")
+@click.option("--replicas", default=1000, show_default=True)
+@click.option("--ingresses", default=8, show_default=True)
+@click.option("--seconds", default=30.0, show_default=True, help="Into which the day is pressed.")
+@click.option("--deaths", default=3.0, show_default=True, help="Of replicas, a second.")
+@click.option("--seed", default=0, show_default=True, help="Decides everything.")
+def cluster_day_command(
+    replicas: int, ingresses: int, seconds: float, deaths: float, seed: int
+) -> None:
+    """Simulate a day of a large cluster: its routing and admission, and replicas that die."""
+    _tell(cluster_day(replicas, ingresses, seconds, deaths, seed))
 
 
 def _tell(verdict: Verdict) -> None:

@@ -69,6 +69,8 @@ class SessionClients:
         self.events: Counter[str] = Counter()
         self.surprises: Counter[str] = Counter()
         self.examples: list[str] = []
+        self.longest_wait = 0.0
+        """Of a control, s."""
 
     async def go_on_until(self, end: float) -> None:
         """Open one session after the other until then, by `perf_counter`."""
@@ -129,9 +131,11 @@ class SessionClients:
             if self._rng.random() < SHARE_LATE:
                 self.events["late measurements"] += 1
                 await asyncio.sleep(LATE_SECONDS)
+            asked = perf_counter()
             told = await self._ask(
                 socket, {"type": "measure", "position": state[0], "velocity": state[1]}
             )
+            self.longest_wait = max(self.longest_wait, perf_counter() - asked)
             if told.get("control") != control:
                 self._surprise(UNLIKE, (target, control, told))
                 return

@@ -13,7 +13,7 @@ import pytest
 
 from app.inference.engine import Tick
 from app.inference.model import Model
-from app.inference.pace import Pace
+from app.inference.model_card import Pace
 from app.serving.admission import MARGIN, MARGIN_SECONDS, WRITING_SECONDS, Admission, Pending, Work
 from app.serving.rates import CROWDED, MEMORY, PRIOR_ROWS, SECONDS_PER_STEP, Rates
 from app.serving.refusals import Refused

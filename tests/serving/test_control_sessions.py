@@ -13,6 +13,7 @@ from app.planning.plant.system import System
 from app.serving import control_session
 from app.serving.control_sessions import MOST_LOAD, ControlSessions
 from app.serving.refusals import Refused
+from app.serving.step_threads import StepThreads
 from app.settings import Settings
 from app.wire.sessions import Measure, Start, Stop, Target
 
@@ -21,7 +22,7 @@ LONG = Start(target_state=(0.2, 0.0), controller=RecedingHorizon(iterations=100)
 
 
 def sessions(**settings: Any) -> ControlSessions:
-    return ControlSessions(Settings(**settings), num_threads=1)
+    return ControlSessions(Settings(**settings), lambda: StepThreads(num_threads=1).compute)
 
 
 def converse(all_of_them: ControlSessions, *messages: Any) -> list[dict[str, Any]]:

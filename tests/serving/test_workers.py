@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 import pytest
 
 from app.inference.model import Model
-from app.inference.pace import Pace
+from app.inference.model_card import Pace
 from app.inference.row_threads import RowThreads
 from app.launch import START_SECONDS
 from app.planning.stop import Stop

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from app.cli import log_file
+from app.cli import log_columns, log_file
 from app.failure import Failure
 from app.wire.identification import EXAMPLE_CONTROLS, EXAMPLE_POSITIONS
 from tests.api.playground.conftest import Open
@@ -81,8 +81,8 @@ def module(page: Visit, name: str) -> str:
 def test_columns_are_called_as_the_command_calls_them(page: Visit) -> None:
     tables = page.page.evaluate(TABLES, module(page, "log/columns.js"))
     assert tables["ROLES"] == {role: list(names) for role, names in log_file.ROLES.items()}
-    assert tables["UNITS"].keys() == log_file.UNITS.keys()
-    for role, units in log_file.UNITS.items():
+    assert tables["UNITS"].keys() == log_columns.UNITS.keys()
+    for role, units in log_columns.UNITS.items():
         assert tables["UNITS"][role] == pytest.approx(dict(units))
 
 

@@ -1,0 +1,1 @@
+"""Beyond one machine: the service on a cluster."""

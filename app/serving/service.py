@@ -32,7 +32,12 @@ from app.planning.problem import (
 from app.planning.recipe import Recipe
 from app.planning.uncertainty.robustness import NUM_SHOWN
 from app.planning.uncertainty.told import tell
-from app.planning.uncertainty.uncertainty import MAX_SYSTEMS, NUM_JUDGES
+from app.planning.uncertainty.uncertainty import (
+    FEW_MOTIONS,
+    MAX_SYSTEMS,
+    NUM_JUDGES,
+    ROBUST_WORTH,
+)
 from app.serving.admission import Work
 from app.serving.answer_fields import multistep_fields, segment_fields, timing_fields
 from app.serving.ensembles import uncertainty_of
@@ -108,6 +113,8 @@ class PlanningService:
             if not model.covers(system, horizon):
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
             samplers = model.manifest.samplers
+            if may_be_off and model.manifest.knows_uncertainty:
+                asked = _with_robust_candidates(asked, request)
         recipe = asked.settled(samplers)
         cost = recipe.cost()
         stages = _denoising_stages(request, cost)
@@ -341,6 +348,17 @@ class ResolvedRequest(Generic[R]):
             "system": _fields_of(self.system),
             "predicted_initial_state": self.start() if self.request.pending_controls else None,
         }
+
+
+def _with_robust_candidates(
+    recipe: Recipe[MethodOptions], request: AnyRequest
+) -> Recipe[MethodOptions]:
+    """Return a recipe whose candidates a model makes for all plants: they need fewer motions."""
+    assert recipe.uncertainty
+    assert request.uncertainty
+    motions = request.uncertainty.num_motions or FEW_MOTIONS
+    uncertainty = replace(recipe.uncertainty, num_motions=motions, candidate_worth=ROBUST_WORTH)
+    return replace(recipe, uncertainty=uncertainty)
 
 
 @lru_cache(maxsize=1024)

@@ -6,7 +6,6 @@ from app.evaluation.answer_log import Answer
 from app.evaluation.question import Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.learned_models import (
-    FEW_MOTIONS,
     MODELS,
     OFF_BY,
     REGRESSION,
@@ -15,6 +14,7 @@ from app.evaluation.suites.learned_models import (
     SEARCHES,
     LearnedModels,
 )
+from app.planning.uncertainty.uncertainty import FEW_MOTIONS
 from app.wire.requests import PlanRequest
 
 SUITE = LearnedModels(seed=3, quick=True)

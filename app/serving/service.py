@@ -36,7 +36,6 @@ from app.planning.uncertainty.uncertainty import (
     FEW_MOTIONS,
     MAX_SYSTEMS,
     NUM_JUDGES,
-    ROBUST_WORTH,
 )
 from app.serving.admission import Work
 from app.serving.answer_fields import multistep_fields, segment_fields, timing_fields
@@ -108,13 +107,18 @@ class PlanningService:
             uncertainty = uncertainty_of(request.uncertainty, system, request.initial_state, seed)
             asked = replace(asked, uncertainty=uncertainty)
         if needs_model(asked.method):
-            may_be_off = asked.uncertainty is not None and asked.uncertainty.is_robust
+            # An optimiser that starts from candidates makes them plans for `system` again.
+            warms = isinstance(asked.method, WarmStarted)
+            may_be_off = (
+                request.uncertainty is not None and request.uncertainty.robust and not warms
+            )
             model = named or self.models.covering(system, horizon, may_be_off=may_be_off)
             if not model.covers(system, horizon):
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
             samplers = model.manifest.samplers
-            if may_be_off and model.manifest.knows_uncertainty:
-                asked = _with_robust_candidates(asked, request)
+            if request.uncertainty and may_be_off and model.manifest.knows_uncertainty:
+                motions = request.uncertainty.num_motions or FEW_MOTIONS
+                asked = replace(asked, uncertainty=uncertainty.beside_a_model(motions))
         recipe = asked.settled(samplers)
         cost = recipe.cost()
         stages = _denoising_stages(request, cost)
@@ -211,7 +215,7 @@ class PlanningService:
             assert self._engine is not None
             keeps_steps, told = "denoising" in resolved.request.include, None
             uncertainty = resolved.recipe.uncertainty
-            if uncertainty and uncertainty.is_robust and model.manifest.knows_uncertainty:
+            if uncertainty and uncertainty.candidate_worth:
                 most = Spread(**model.manifest.uncertainty)
                 told = tell(uncertainty, resolved.system.plant, most)
             proposal = self._engine.bind(model, resolved.work, told, keeps_steps=keeps_steps)
@@ -348,17 +352,6 @@ class ResolvedRequest(Generic[R]):
             "system": _fields_of(self.system),
             "predicted_initial_state": self.start() if self.request.pending_controls else None,
         }
-
-
-def _with_robust_candidates(
-    recipe: Recipe[MethodOptions], request: AnyRequest
-) -> Recipe[MethodOptions]:
-    """Return a recipe whose candidates a model makes for all plants: they need fewer motions."""
-    assert recipe.uncertainty
-    assert request.uncertainty
-    motions = request.uncertainty.num_motions or FEW_MOTIONS
-    uncertainty = replace(recipe.uncertainty, num_motions=motions, candidate_worth=ROBUST_WORTH)
-    return replace(recipe, uncertainty=uncertainty)
 
 
 @lru_cache(maxsize=1024)

@@ -84,7 +84,12 @@ def test_of_what_it_does_not_know_it_is_told_the_nearest_and_the_answer_says_so(
 
 @pytest.mark.parametrize(
     "fields",
-    [{}, {"uncertainty": {"relative": {"coulomb_friction": 0.1}, "robust": False}}],
+    [
+        {},
+        {"uncertainty": {"relative": {"coulomb_friction": 0.1}, "robust": False}},
+        uncertain(coulomb_friction=0.1)
+        | {"method": "cem", "initial": {"method": "action_diffusion"}},
+    ],
 )
 def test_a_plan_for_the_plant_alone_has_the_first_model_and_nothing_is_told(
     service: PlanningService, network: FakeNetwork, fields: dict[str, Any]

@@ -78,6 +78,10 @@ class Uncertainty:
         """Return the risk of each of `controls` (K, H): (K,), in m."""
         return self.risk.of(self.ensemble.errors(controls, target_state))
 
+    def beside_a_model(self, num_motions: int) -> "Uncertainty":
+        """Return the same for candidates that a model makes for all plants."""
+        return replace(self, num_motions=num_motions, candidate_worth=ROBUST_WORTH)
+
     def num_starts(self, num_candidates: int) -> int:
         """Return by how many motions the stages of a search are measured."""
         return self.num_motions + self.candidate_worth * num_candidates

@@ -30,7 +30,10 @@ def section(control: float = 0.0, without: str = "") -> Section:
             "controls": [control if labels["entrant"] == ROBUST.label else 0.0] * 64,
             "diversity": 0.25,
             "cost": {"network_evaluations": 0 if is_search else 3},
-            "timing_ms": {"queue": 1.0, "total": 1.0 + (labels["motions"] if is_search else 300)},
+            "timing_ms": {
+                "queue": 1.0,
+                "total": 1.0 + (int(labels["motions"]) if is_search else 300),
+            },
         }
         return Answer(content, 1.0)
 

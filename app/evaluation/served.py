@@ -70,7 +70,8 @@ class ServedModels:
             return next(named, None)
         system, horizon = request.system or self.nominal, request.horizon or DEFAULT_HORIZON
         covering = [model for model in self.models if model.covers(system, horizon)]
-        may_be_off = request.uncertainty is not None and request.uncertainty.robust
+        is_robust = request.uncertainty is not None and request.uncertainty.robust
+        may_be_off = is_robust and request.initial is None
         knowing = [model for model in covering if may_be_off and model.uncertainty]
         return next(iter((*knowing, *covering)), None)
 

@@ -7,7 +7,7 @@ from app.planning.plant.system import System
 from app.planning.problem import as_state
 from app.planning.uncertainty.ensemble import Ensemble
 from app.planning.uncertainty.relative import Implausible
-from app.planning.uncertainty.uncertainty import NUM_JUDGES, Uncertainty
+from app.planning.uncertainty.uncertainty import DEFAULT_MOTIONS, NUM_JUDGES, Uncertainty
 from app.serving.refusals import InvalidField
 from app.wire import uncertainty as wire
 from app.wire.requests import State
@@ -56,7 +56,7 @@ def uncertainty_of(
         judges=judges,
         corners=corners,
         risk=asked.measure,
-        num_motions=asked.num_motions,
+        num_motions=asked.num_motions or DEFAULT_MOTIONS,
         relative=asked.relative,
         is_robust=asked.robust,
     )

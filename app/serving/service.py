@@ -33,7 +33,11 @@ from app.planning.problem import (
 from app.planning.recipe import Recipe
 from app.planning.uncertainty.robustness import NUM_SHOWN
 from app.planning.uncertainty.told import tell
-from app.planning.uncertainty.uncertainty import MAX_SYSTEMS, NUM_JUDGES
+from app.planning.uncertainty.uncertainty import (
+    FEW_MOTIONS,
+    MAX_SYSTEMS,
+    NUM_JUDGES,
+)
 from app.serving.admission import Work
 from app.serving.answer_fields import multistep_fields, segment_fields, timing_fields
 from app.serving.ensembles import uncertainty_of
@@ -107,11 +111,18 @@ class PlanningService:
             uncertainty = uncertainty_of(request.uncertainty, system, request.initial_state, seed)
             asked = replace(asked, uncertainty=uncertainty)
         if needs_model(asked.method):
-            may_be_off = asked.uncertainty is not None and asked.uncertainty.is_robust
+            # An optimiser that starts from candidates makes them plans for `system` again.
+            warms = isinstance(asked.method, WarmStarted)
+            may_be_off = (
+                request.uncertainty is not None and request.uncertainty.robust and not warms
+            )
             model = named or self.models.covering(system, horizon, may_be_off=may_be_off)
             if not model.covers(system, horizon):
                 raise UnfitModel(f"{model.label} was trained for {model.coverage}")
             samplers = model.manifest.samplers
+            if request.uncertainty and may_be_off and model.manifest.knows_uncertainty:
+                motions = request.uncertainty.num_motions or FEW_MOTIONS
+                asked = replace(asked, uncertainty=uncertainty.beside_a_model(motions))
         recipe = asked.settled(samplers)
         cost = recipe.cost()
         stages = _denoising_stages(request, cost)
@@ -208,7 +219,7 @@ class PlanningService:
             assert self._engine is not None
             keeps_steps, told = "denoising" in resolved.request.include, None
             uncertainty = resolved.recipe.uncertainty
-            if uncertainty and uncertainty.is_robust and model.manifest.knows_uncertainty:
+            if uncertainty and uncertainty.candidate_worth:
                 most = Spread(**model.manifest.uncertainty)
                 told = tell(uncertainty, resolved.system.plant, most)
             proposal = self._engine.bind(model, resolved.work, told, keeps_steps=keeps_steps)

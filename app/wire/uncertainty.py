@@ -7,7 +7,12 @@ from pydantic import ConfigDict, Field, model_validator
 from app.planning.plant.system import System
 from app.planning.uncertainty.relative import Relative
 from app.planning.uncertainty.risk import Risk
-from app.planning.uncertainty.uncertainty import DEFAULT_MOTIONS, MAX_MOTIONS, MAX_SYSTEMS
+from app.planning.uncertainty.uncertainty import (
+    DEFAULT_MOTIONS,
+    FEW_MOTIONS,
+    MAX_MOTIONS,
+    MAX_SYSTEMS,
+)
 from app.wire.model import ARRAY, Asked, WireModel
 
 NUM_SYSTEMS = 32
@@ -62,10 +67,12 @@ class Uncertainty(Ensemble):
         description="False makes the plan for `system` alone, as without `uncertainty`, and only "
         "says what it is worth on the plants.",
     )
-    num_motions: Annotated[int, Field(ge=1, le=MAX_MOTIONS)] = Field(
-        DEFAULT_MOTIONS,
+    num_motions: Annotated[int, Field(ge=1, le=MAX_MOTIONS)] | None = Field(
+        None,
         description="With `refine`: motions that the search for a robust plan starts from, beside "
-        "the candidates. More of them take longer, and find better plans.",
+        "the candidates. More of them take longer, and find better plans. By default "
+        f"{DEFAULT_MOTIONS}, or {FEW_MOTIONS} beside candidates of a model that knows of "
+        "uncertainty.",
     )
 
     @property

@@ -15,7 +15,7 @@ from app.inference.solvers import SOLVERS
 from app.planning.arrays import FloatArray
 from app.planning.methods import ActionDiffusion
 from app.planning.methods.base import InvalidStepCount
-from app.planning.methods.sampler import Samplers, SamplerSettings, Solver
+from app.planning.methods.sampler import Sampler, Samplers, SamplerSettings, Solver
 from app.planning.plant.coverage import Coverage
 from app.planning.plant.system import ControlLimits, System
 from app.planning.problem import PlanningError, Problem
@@ -204,6 +204,9 @@ def test_controls_are_in_the_natural_units_of_the_problem_s_plant() -> None:
     np.testing.assert_array_equal(noise, asked.noise)
 
 
+ONE_STEP = Samplers(*(SamplerSettings(1, 1.0, first_time=1.0, last_time=0.0) for _ in range(2)))
+
+
 class Denoiser:
     """Predicts what the clean sequence of a half makes of any prediction."""
 
@@ -233,6 +236,24 @@ def test_a_prediction_is_taken_for_what_the_manifest_says_it_is(
     controls = finish(Asked(solver=solver).sampling(model))
 
     np.testing.assert_allclose(controls, 0.5 * System().plant.highest_control, rtol=0, atol=1e-4)
+
+
+@every_solver
+def test_a_regression_sees_no_noise_and_answers_with_one_plan(solver: Solver) -> None:
+    network = Denoiser("clean", [0.001])
+    model = fake_model(
+        network, kind="regression", alphas_cumprod=(0.001,), predicts="clean", samplers=ONE_STEP
+    )
+    asked = Asked(solver=solver, steps=1, guidance_scale=1.0)
+    seen: list[FloatArray] = []
+
+    sampling = Sampling(
+        Job(0), model, asked.problem, asked.noise, Sampler(solver, ONE_STEP.ddim), seen.append
+    )
+    controls = finish(sampling)
+
+    assert not seen[0].any()
+    np.testing.assert_allclose(controls, 0.5 * System().plant.highest_control, rtol=1e-6)
 
 
 def test_the_times_are_those_of_the_model_s_sampler() -> None:

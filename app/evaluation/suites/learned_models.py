@@ -20,6 +20,7 @@ from app.evaluation.tasks import DrawTasks, random_machine_tasks, reachable_task
 from app.figures.style import BLACK, BLUE, GREEN, ORANGE, PINK, RED, SKY, Look, new_figure
 from app.planning.plant.system import System
 from app.planning.uncertainty.ensemble import Ensemble
+from app.planning.uncertainty.uncertainty import FEW_MOTIONS
 from app.wire.requests import PlanRequest
 
 ROBUST_MODEL = "any-machine-robust"
@@ -41,8 +42,6 @@ MODELS = (PAPER, ANY, ROBUST, DIFFUSION, FLOW, REGRESSION)
 
 OFF_BY = (0.0, 0.1, 0.2)
 """By how much friction may be off; where it may, so may the gain (`GAIN_SHARE`)."""
-FEW_MOTIONS = 64
-"""Beside the candidates of a model, in its search for a robust plan."""
 SEARCHES = (64, 128, 256, 512, 1024)
 """Motions of plain searches, among which the one that takes as long is read off."""
 K_OF_SEARCHES = 16

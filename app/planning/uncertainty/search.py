@@ -70,17 +70,18 @@ def _search(
     counted = uncertainty.risk.num_counted(len(refined_on))
     motions = draw_motions(rng, uncertainty.num_motions, problem.horizon, problem.system.plant)
     plans = np.concatenate([candidates, motions])
+    starts = uncertainty.num_starts(len(candidates))
     losses = np.mean(few.errors(plans, target) ** 2, axis=-1)
     rollouts = len(plans) * len(few)
     for stage in STAGES:
-        plans = plans[np.argsort(losses, kind="stable")[: stage.count(uncertainty.num_motions)]]
+        plans = plans[np.argsort(losses, kind="stable")[: stage.count(starts)]]
         losses = np.empty(len(plans))
         for i, plan in enumerate(plans):
             losses[i], spent = descend_risk(
                 plan, on_few, float(len(few)), True, stage.iterations, stop.flag
             )
             rollouts += spent
-    plans = plans[np.argsort(losses, kind="stable")[: FINISHED.count(uncertainty.num_motions)]]
+    plans = plans[np.argsort(losses, kind="stable")[: FINISHED.count(starts)]]
     for plan in plans:
         _, spent = descend_risk(plan, everywhere, counted, True, FINISHED.iterations, stop.flag)
         rollouts += spent

@@ -15,6 +15,10 @@ NUM_JUDGES = 256
 MAX_SYSTEMS = 128
 MAX_MOTIONS = 8192
 DEFAULT_MOTIONS = 1024
+FEW_MOTIONS = 64
+"""Drawn by default beside candidates that a model made for all plants."""
+ROBUST_WORTH = 16
+"""Motions for which such a candidate stands: so many more stay in every stage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,8 @@ class Uncertainty:
     """How the plants were drawn; None where they were given."""
     is_robust: bool = True
     """Whether plans are made for all the plants, or for the problem's own and judged on them."""
+    candidate_worth: int = 0
+    """Motions for which each candidate stands: `ROBUST_WORTH` where a model made it for all."""
 
     def after(self, controls: FloatArray) -> "Uncertainty":
         """Return what is uncertain once `controls` (N,) have been carried out."""
@@ -72,6 +78,14 @@ class Uncertainty:
         """Return the risk of each of `controls` (K, H): (K,), in m."""
         return self.risk.of(self.ensemble.errors(controls, target_state))
 
+    def beside_a_model(self, num_motions: int) -> "Uncertainty":
+        """Return the same for candidates that a model makes for all plants."""
+        return replace(self, num_motions=num_motions, candidate_worth=ROBUST_WORTH)
+
+    def num_starts(self, num_candidates: int) -> int:
+        """Return by how many motions the stages of a search are measured."""
+        return self.num_motions + self.candidate_worth * num_candidates
+
     def cost(self, num_candidates: int, *, refined: bool) -> Cost:
         """Return what ranking and judging take, and with `refined` an estimate of the search."""
         if not self.is_robust:
@@ -79,10 +93,10 @@ class Uncertainty:
         rollouts = num_candidates * len(self.ensemble) + len(self.judges)
         if refined:
             few = min(NUM_FEW, len(self.ensemble))
-            seeds = num_candidates + self.num_motions
-            rollouts += seeds * few
-            descents = sum(stage.count(self.num_motions) * stage.iterations for stage in STAGES)
+            starts = self.num_starts(num_candidates)
+            rollouts += (num_candidates + self.num_motions) * few
+            descents = sum(stage.count(starts) * stage.iterations for stage in STAGES)
             rollouts += int(ROLLOUTS_PER_ITERATION * few * descents)
-            finished = (FINISHED.count(self.num_motions) + 1) * FINISHED.iterations
+            finished = (FINISHED.count(starts) + 1) * FINISHED.iterations
             rollouts += int(ROLLOUTS_PER_ITERATION * len(self.refined_on) * finished)
         return Cost(rollouts=rollouts)

@@ -1,18 +1,22 @@
 """How quick the playground is in a real browser: `python -m tests.playground_speed`.
 
 Prints and asserts nothing: first paint, bytes of the first view, the time from a change in a field
-to the new plan on the screen, and how far things jumped meanwhile.
+to the new plan on the screen, how far things jumped meanwhile, and how many steps of the live loop
+were late, alone and with that going on beside it.
 """
 
+import re
 import statistics
+import time
 
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page, expect
 
 from app.settings import Settings
 from tests.browser import Visit, chromium
 from tests.served import serving, wait_until_ready
 
 REPEATS = 20
+LOOP_SECONDS = 20.0
 PLANS = {
     "cem, K = 128": "method=cem&k=128",
     "dataset_prior, refined, K = 16": "method=dataset_prior&refine=yes",
@@ -46,6 +50,28 @@ def replan_ms(page: Page) -> list[float]:
     return [float(page.evaluate(REPLAN, f"{position:g}")) for position in positions]
 
 
+def print_plans(browser: Browser, url: str, beside: str) -> None:
+    for name, address in PLANS.items():
+        visit = Visit(browser, url, address)
+        visit.says("Planned")
+        took = replan_ms(visit.page)
+        median, worst = statistics.median(took), max(took)
+        print(f"{name}, {beside}: {median:.0f} ms to the new plan, at most {worst:.0f}")
+        visit.page.close()
+
+
+def steps_of(loop: Visit) -> tuple[int, int]:
+    """Return how many steps a live loop has done, and how many were late."""
+    steps, late = re.findall(r"\d+", loop.page.locator(".counts").inner_text())
+    return int(steps), int(late)
+
+
+def print_loop(loop: Visit, before: tuple[int, int], beside: str) -> None:
+    steps, late = (now - then for now, then in zip(steps_of(loop), before, strict=True))
+    trips = loop.page.locator(".results tbody td:last-child").all_inner_texts()
+    print(f"live loop, {beside}: {steps} steps, {late} late; the last took {', '.join(trips)}")
+
+
 def main() -> None:
     """Measure and print."""
     with serving(Settings()) as client, chromium() as browser:
@@ -57,12 +83,16 @@ def main() -> None:
             print(f"{attempt}: painted after {visit.page.evaluate(PAINT):.0f} ms, ", end="")
             print(f"{visit.page.evaluate(BYTES) / 1e3:.0f} kB with the first plan")
         print(f"layout shift: {visit.page.evaluate(SHIFT):.3f}")
-        for name, address in PLANS.items():
-            visit = Visit(browser, url, address)
-            visit.says("Planned")
-            took = replan_ms(visit.page)
-            worst = max(took)
-            print(f"{name}: {statistics.median(took):.0f} ms to the new plan, at most {worst:.0f}")
+        print_plans(browser, url, "alone")
+        loop = Visit(browser, url, "tab=loop")
+        expect(loop.page.locator(".results")).to_contain_text("arrived")
+        begun = steps_of(loop)
+        time.sleep(LOOP_SECONDS)
+        print_loop(loop, begun, "alone")
+        print(f"layout shift of the loop: {loop.page.evaluate(SHIFT):.3f}")
+        begun = steps_of(loop)
+        print_plans(browser, url, "beside the live loop")
+        print_loop(loop, begun, "beside those plans")
 
 
 if __name__ == "__main__":

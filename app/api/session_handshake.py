@@ -1,8 +1,8 @@
 """How a web page opens a session: its key goes, and a refusal comes, by means that a browser has.
 
-A browser sends no header with a WebSocket's handshake but the names of protocols, and tells its page
-nothing of a handshake that is refused. So a key may be one of the names, and who asks for our protocol
-by name is refused by a message, and a close code that is 4000 and the status.
+A browser sends no header with a WebSocket's handshake but the names of protocols, and tells its
+page nothing of a handshake that is refused. So a key may be one of the names, and who asks for our
+protocol by name is refused by a message, and a close code that is 4000 and the status.
 """
 
 import json

@@ -66,7 +66,7 @@ def add_playground(app: FastAPI) -> None:
     }
     version = sha256(b"\0".join(texts.values())).hexdigest()[:16]
     files = {name: File.of(name, text) for name, text in texts.items() if name != INDEX}
-    modules = [name for name in files if name.endswith(".js")]
+    modules = [name for name in files if name.endswith((".js", ".mjs"))]
 
     async def page(request: Request) -> Response:
         root_path = request.scope["root_path"]

@@ -1,27 +1,19 @@
 """The playground where the service is busy, away, or asks for a key."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from playwright.sync_api import Browser, expect
 
 from app.launch import free_port
 from app.main import create_app
 from app.settings import Settings
-from tests.browser import Visit, chromium, needs_chromium
+from tests.browser import Visit, needs_chromium
 from tests.served import client_of, running, wait_until_ready
 
 pytestmark = needs_chromium
 
 KEY = "a-key-for-the-laboratory"
 QUICK = "method=dataset_prior&refine=yes"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 def test_a_busy_service_is_asked_again(browser: Browser, tmp_path: Path) -> None:
@@ -50,6 +42,48 @@ def test_a_service_that_goes_away_is_waited_for(browser: Browser, tmp_path: Path
         shown.is_quiet(refusals=True)
 
 
+def test_a_closed_loop_goes_on_where_a_service_left_it(browser: Browser, tmp_path: Path) -> None:
+    settings, port = Settings(model_store=tmp_path), free_port()
+    with running(create_app(settings), port, settings) as url, client_of(url) as client:
+        wait_until_ready(client)
+        shown = Visit(browser, url, "tab=loop")
+        arrived = shown.page.locator(".results tbody tr").first
+        expect(arrived).to_contain_text("arrived")
+    shown.says("the service ended the session (draining). Asking again")
+    shown.says("the service cannot be reached. Asking again")
+    with running(create_app(settings), port, settings):
+        shown.says("Runs at")
+        expect(arrived).to_contain_text("arrived")
+        shown.is_quiet(refusals=True)
+
+
+def test_a_closed_loop_waits_for_room_and_needs_a_right_key(
+    browser: Browser, tmp_path: Path
+) -> None:
+    settings = Settings(model_store=tmp_path, max_sessions=1, public_paths=("/*",))
+    with running(create_app(settings), settings=settings) as url, client_of(url) as client:
+        wait_until_ready(client)
+        shown = Visit(browser, url, "tab=loop")
+        shown.says("1 control sessions are open, as many as may be. Asking again")
+        shown.is_quiet(refusals=True)
+    private = Settings(
+        model_store=tmp_path,
+        api_keys=KEY,
+        public_paths=("/", "/playground/*", "/readyz", "/machines", "/methods"),
+    )
+    with running(create_app(private), settings=private) as url, client_of(url) as client:
+        wait_until_ready(client)
+        shown = Visit(browser, url, "tab=loop")
+        refusal = shown.page.locator("#key-error")
+        expect(refusal).to_have_text("send a valid key as Authorization: Bearer <key>")
+        shown.fill("API key", "a-wrong-key-0123456789")
+        expect(shown.page.get_by_label("API key")).to_have_attribute("aria-invalid", "true")
+        shown.fill("API key", KEY)
+        shown.says("Runs at")
+        expect(refusal).to_be_empty()
+        shown.is_quiet(refusals=True)
+
+
 def test_a_key_is_asked_for_and_kept_in_memory_alone(browser: Browser, tmp_path: Path) -> None:
     settings = Settings(model_store=tmp_path, api_keys=KEY)
     with running(create_app(settings), settings=settings) as url, client_of(url) as client:
@@ -63,6 +97,8 @@ def test_a_key_is_asked_for_and_kept_in_memory_alone(browser: Browser, tmp_path:
         shown.fill("API key", KEY)
         shown.says("Planned")
         expect(refusal).to_be_empty()
+        shown.page.get_by_role("tab", name="Closed loop").click()
+        shown.says("Runs at 20 steps a second")
         shown.page.get_by_text("The same request elsewhere").click()
         assert KEY not in shown.page.content()
         assert KEY not in shown.address

@@ -3,19 +3,18 @@
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 
 import httpx
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import expect
 
-from app.settings import Settings
-from tests.browser import Visit, chromium, needs_chromium
+from tests.api.playground.conftest import Open
+from tests.browser import Visit, needs_chromium
 from tests.metrics import value
-from tests.served import serving, wait_until, wait_until_ready
+from tests.served import wait_until
 
 pytestmark = needs_chromium
 
@@ -24,36 +23,17 @@ TABS = {
     "compare": "Compared 4",
     "denoise": "Denoised 16 candidates in 20 steps",
     "doubt": "Judged on 256 plants",
+    "loop": "Runs at 20 steps a second",
+    "identify": "Identified from",
     "sequence": "Planned 3 segments",
 }
+SAMPLE = "log=sample.csv"
 QUICK = "method=dataset_prior"
 DRAWN = """() => [...document.querySelectorAll("canvas")].map((canvas) => {
     const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
     return new Set(new Uint32Array(data.buffer)).size;
 })"""
 """How many colours each chart has: axes alone have few, lines and areas many more."""
-Open = Callable[..., Visit]
-
-
-@pytest.fixture(scope="module")
-def service() -> Iterator[httpx.Client]:
-    with serving(Settings()) as client:
-        wait_until_ready(client)
-        yield client
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def visit(service: httpx.Client, browser: Browser) -> Open:
-    def visit(address: str = QUICK, width: int = 1280) -> Visit:
-        return Visit(browser, str(service.base_url).rstrip("/"), address, width)
-
-    return visit
 
 
 def shut_out(shown: Visit, options: dict[str, list[str]]) -> list[str]:
@@ -64,9 +44,9 @@ def shut_out(shown: Visit, options: dict[str, list[str]]) -> list[str]:
 
 @pytest.mark.parametrize("tab", TABS)
 def test_every_tab_shows_what_it_is_for_in_light_and_dark(visit: Open, tab: str) -> None:
-    shown = visit(f"tab={tab}")
+    shown = visit(f"tab={tab}&{SAMPLE}")
     shown.says(TABS[tab])
-    assert all(colours > 20 for colours in shown.page.evaluate(DRAWN))
+    wait_until(lambda: all(colours > 20 for colours in shown.page.evaluate(DRAWN)))
     shown.page.emulate_media(color_scheme="light")
     assert shut_out(shown, {"resultTypes": ["violations"]}) == []
     shown.page.emulate_media(color_scheme="dark")
@@ -75,9 +55,9 @@ def test_every_tab_shows_what_it_is_for_in_light_and_dark(visit: Open, tab: str)
 
 
 def test_no_tab_is_wider_than_a_phone(visit: Open) -> None:
-    shown = visit("", width=360)
+    shown = visit(SAMPLE, width=360)
     for tab, words in TABS.items():
-        shown.page.get_by_role("tab", name=tab).click()
+        shown.page.locator(f"#tab-{tab}").click()
         shown.says(words)
         assert shown.page.evaluate("document.documentElement.scrollWidth") <= 360
     shown.is_quiet()

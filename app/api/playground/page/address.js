@@ -24,10 +24,23 @@ export const DEFAULTS = {
   "relative.bias": "0",
   risk: "mean",
   targets: "0.4,0;-0.4,0;0.2,0",
+  goal: "0.3",
+  controller: "receding_horizon",
+  noise: "0.2",
+  delay: "0",
+  "off.static_friction": "15",
+  "off.coulomb_friction": "12",
+  "off.viscous_damping": "0",
+  "off.control_gain": "-4",
+  "off.bias": "0",
+  direction: "auto",
 };
 
-/** How what is there is looked at: nothing has to be asked anew for these. */
-export const VIEWS = ["stage", "moment"];
+/** How what is there is looked at, or goes on: nothing has to be asked anew for these. */
+export const VIEWS = [
+  "stage", "moment", "goal",
+  "off.static_friction", "off.coulomb_friction", "off.viscous_damping", "off.control_gain", "off.bias",
+];
 
 const BETWEEN_MS = 100;
 /** Browsers take an address seldom: a slider that is dragged would change it too often. */

@@ -36,6 +36,15 @@ async function send(path, options) {
   throw new Problem(response.status, body, Number(response.headers.get("Retry-After")) || 1);
 }
 
+/** Open a WebSocket; a key goes as the name of a protocol, the one thing that a page may send with it. */
+export function socket(path) {
+  const url = new URL(path, base);
+  url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+  const bytes = String.fromCharCode(...new TextEncoder().encode(key));
+  const text = btoa(bytes).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+  return new WebSocket(url, ["breakaway.control", ...(text ? [`breakaway.key.${text}`] : [])]);
+}
+
 const post = (body, signal, accept) => ({
   method: "POST",
   body: JSON.stringify(body),

@@ -29,7 +29,7 @@ const OBJECTIVES = [
 
 /** Build the form for a tab, which says which parts it has and adds its own. */
 export function build(tab) {
-  const parts = { task, machine: machinePart, method: methodPart };
+  const parts = { task, machine: () => machinePart(), method: methodPart };
   const [focused, open] = [document.activeElement?.id, [...form.querySelectorAll("details[open]")].map((one) => one.id)];
   form.replaceChildren(...tab.parts.map((part) => (typeof part === "function" ? part() : parts[part]())));
   for (const id of open) document.getElementById(id)?.setAttribute("open", "");
@@ -51,10 +51,11 @@ function task() {
 }
 
 /** The machine: one of those with a name, and all that may be changed of it. */
-export function machinePart() {
+export function machinePart(title = "Machine") {
   const { system, control_unit: unit, position_unit: position } = machine();
   const force = `${position}/s²`;
-  const one = (name, label, hint, own, most = 3 * Math.abs(own) || 1) => numberField({
+  const now = (name, own) => Math.max(Math.abs(own), Math.abs(Number(get(`system.${name}`))));
+  const one = (name, label, hint, own, most = 3 * now(name, own) || 1) => numberField({
     name: `system.${name}`, label, hint, pointer: `/system/${name.replace(".", "/")}`,
     otherwise: () => own,
     range: [name === "bias" ? -rounded(most) : 0, rounded(most)], step: rounded(most) / 300,
@@ -62,11 +63,14 @@ export function machinePart() {
   const friction = (name, label, hint) => (isDirected()
     ? DIRECTIONS.map((direction) => one(`${name}.${direction}`, `${label}, ${direction}`, hint, (direction === "forward" ? forwardOf : backwardOf)(system[name])))
     : one(name, label, hint, forwardOf(system[name])));
-  return section("Machine",
+  return section(title,
     choiceField({
       name: "machine", label: "Preset", pointer: "/system",
       choices: offer.machines.map((other) => [other.name, other.title]),
-      also: (name) => ({ ...asPreset(), start: null, target: easyTarget(name) }),
+      also: (name) => {
+        const easy = easyTarget(offer.machines.find((other) => other.name === name).system);
+        return { ...asPreset(), start: null, target: `${easy},0`, goal: easy };
+      },
     }),
     friction("static_friction", "Static friction", `${force}: a push below it moves nothing`),
     friction("coulomb_friction", "Coulomb friction", `${force}: what motion costs`),
@@ -74,7 +78,7 @@ export function machinePart() {
     one("control_limit", "Control limit", unit, system.control_limit),
     h("details", { id: "more-of-the-machine" },
       h("summary", {}, "Bias, gain, Stribeck, time step"),
-      one("bias", "Bias", `${force}: slope, gravity, offset`, system.bias, Math.max(1, 2 * Math.abs(system.bias))),
+      one("bias", "Bias", `${force}: slope, gravity, offset`, system.bias, Math.max(1, 2 * now("bias", system.bias))),
       one("control_gain", "Control gain", `${force} for each ${unit}`, system.control_gain),
       one("stribeck_velocity", "Stribeck velocity", `${position}/s; 0: none`, system.stribeck_velocity ?? 0, 0.1),
       one("time_step", "Time step", "s", system.time_step),
@@ -89,13 +93,12 @@ export function machinePart() {
 
 const asPreset = () => Object.fromEntries([...named("system."), "directed"].map((name) => [name, null]));
 
-/** A target that a machine reaches with ease: a share of what full control makes of the time. */
-function easyTarget(name) {
-  const { system } = offer.machines.find((one) => one.name === name);
+/** A target that a plant reaches with ease: a share of what full control makes of the time. */
+export function easyTarget(system) {
   const push = limits(system)[1] * system.control_gain - Math.abs(system.bias) - forwardOf(system.coulomb_friction);
   const seconds = DEFAULT_STEPS * system.time_step;
   const speed = Math.min(push * seconds, push / Math.max(1e-9, forwardOf(system.viscous_damping)));
-  return `${Number(Math.min(0.06 * push * seconds ** 2, 0.15 * speed * seconds).toPrecision(1))},0`;
+  return Number(Math.min(0.06 * push * seconds ** 2, 0.15 * speed * seconds).toPrecision(1));
 }
 
 const rounded = (value) => Number(value.toPrecision(2));
@@ -109,6 +112,7 @@ function methodPart() {
     candidates(),
     tickField({ name: "refine", label: "Refine until it arrives", pointer: "/refine" }),
     choiceField({ name: "objective", label: "Objective", pointer: "/objective", choices: OBJECTIVES }),
+    tickField({ name: "uncertain", label: "Plan for all plants that it may be", pointer: "/uncertainty", hint: "as far off as the tab Doubt says" }),
     options.length ? h("details", { id: "options" }, h("summary", {}, `Options of ${words(name)}`), options) : null,
     rest(),
   );

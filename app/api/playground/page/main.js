@@ -4,18 +4,20 @@ import { VIEWS, get, listen, set } from "./address.js";
 import { read, setKey } from "./api.js";
 import { build } from "./controls.js";
 import { h } from "./dom.js";
-import { offer } from "./request.js";
+import { offer, ownMachine } from "./request.js";
 import { run } from "./run.js";
 import { withdrawShare } from "./share.js";
 import * as compare from "./tabs/compare.js";
 import * as denoise from "./tabs/denoise.js";
 import * as doubt from "./tabs/doubt.js";
+import * as identify from "./tabs/identify.js";
+import * as loop from "./tabs/loop.js";
 import * as plan from "./tabs/plan.js";
 import * as sequence from "./tabs/sequence.js";
 
-const TABS = [plan, compare, denoise, doubt, sequence];
+const TABS = [plan, compare, denoise, doubt, loop, identify, sequence];
 
-const CHANGE_THE_FORM = ["tab", "machine", "directed", "method"];
+const CHANGE_THE_FORM = ["tab", "machine", "directed", "method", "log"];
 
 const list = document.getElementById("tabs");
 const panel = document.getElementById("panel");
@@ -40,6 +42,7 @@ function showTab() {
     const isCurrent = button.id === `tab-${tab.name}`;
     button.setAttribute("aria-selected", isCurrent);
     button.tabIndex = isCurrent ? 0 : -1;
+    if (isCurrent) button.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
   panel.setAttribute("aria-labelledby", `tab-${tab.name}`);
   document.title = `${tab.title} – Breakaway playground`;
@@ -66,7 +69,9 @@ async function boot() {
     asked.forEach((path, index) => { offer[path] = answers[index]; });
     return "";
   });
-  if (isThere) update(["tab"]);
+  if (!isThere) return;
+  offer.machines.push(ownMachine(offer.machines[0]));
+  update(["tab"]);
 }
 
 listen(update);

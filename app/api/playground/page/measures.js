@@ -46,6 +46,10 @@ export function verdict(plan) {
     return `This target cannot be reached in ${steps}, whatever the method: the nearest that any plan ends is ${distance(reach.floor, unit)} away (the floor). This plan ends ${distance(plan.terminal_error, unit)} away. More steps, a higher limit or another target would help.`;
   }
   const can = `The target can be reached in ${reach.minimum_steps} of the ${steps}`;
+  if (plan.robustness) {
+    const { mean_error: mean, worst_error: worst, num_systems: count } = plan.robustness;
+    return `${can} if the plant is as it is said to be. On ${count} plants that it may be this plan ends ${distance(mean, unit)} off on average, ${distance(worst, unit)} at worst: only a closed loop gets nearer.`;
+  }
   if (plan.gap < 1e-5) return `${can}, and this plan arrives.`;
   if (plan.gap < 0.01) return `${can}; this plan ends ${distance(plan.gap, unit)} off. Refinement would close that gap.`;
   return `${can}, but this plan ends ${distance(plan.gap, unit)} off: the method's fault, not the machine's. Try refinement, more candidates or another method.`;

@@ -4,10 +4,19 @@ import { get, named, numbers } from "./address.js";
 
 export const FRICTIONS = ["static_friction", "coulomb_friction", "viscous_damping"];
 export const DIRECTIONS = ["forward", "backward"];
-const OTHERS = ["stribeck_velocity", "bias", "control_gain", "control_limit", "time_step"];
+const OTHERS = ["stribeck_velocity", "bias", "control_gain", "control_limit", "time_step", "velocity_threshold"];
 
 /** What the service offers; filled once it has answered. */
 export const offer = { machines: [], methods: [] };
+
+/** A machine that nobody published: its numbers are in the address, and begin as those of another one. */
+export const ownMachine = (other) => ({
+  ...other,
+  name: "own",
+  title: "your own machine",
+  get position_unit() { return get("own.position_unit") || other.position_unit; },
+  get control_unit() { return get("own.control_unit") || other.control_unit; },
+});
 
 export const machine = () => offer.machines.find((one) => one.name === get("machine")) ?? offer.machines[0];
 export const methodNamed = (name) => offer.methods.find((one) => one.name === name);
@@ -67,15 +76,21 @@ export function shared() {
   const body = { initial_state: numbers("start"), num_candidates: number("k") };
   if (get("seed") !== "") body.seed = number("seed");
   if (get("horizon") !== "") body.horizon = number("horizon");
-  if (isChanged()) body.system = system();
+  if (isChanged() || machine().name === "own") body.system = system();
   else if (machine().name !== "paper") body.system = machine().name;
   return body;
 }
+
+export const RELATIVE = ["coulomb_friction", "static_friction", "viscous_damping", "control_gain", "bias"];
+
+/** By what share each parameter may be off. */
+export const relative = () => Object.fromEntries(RELATIVE.map((one) => [one, Number(get(`relative.${one}`)) / 100]));
 
 /** The body of a plan for the task, by the chosen method. */
 export function planned(include = ["states"]) {
   const body = { ...shared(), target_state: numbers("target"), method: method(get("method")) };
   if (get("refine")) body.refine = true;
+  if (get("uncertain")) body.uncertainty = { relative: relative() };
   if (get("objective") !== "terminal_error") body.objective = get("objective");
   return { ...body, include };
 }

@@ -17,6 +17,12 @@ export function say(text) {
   status.textContent = text;
 }
 
+/** Say of work that goes on until something else is done that it is under way: nothing is waited for. */
+export function underWay(text) {
+  current.settle();
+  say(text);
+}
+
 /**
  * Run work(signal), which is text of what came of it; whatever was under way is given up.
  * Returns whether it came to its end.
@@ -24,6 +30,7 @@ export function say(text) {
 export async function run(what, work) {
   current?.abort();
   const own = new AbortController();
+  let attempt = 0;
   current = own;
   clearErrors();
   problem.textContent = "";
@@ -36,8 +43,14 @@ export async function run(what, work) {
   let timer = setTimeout(() => { tick(); timer = setInterval(tick, 1000); }, QUIET_MS);
   document.body.classList.add("busy");
   const stopTicking = () => { clearTimeout(timer); clearInterval(timer); };
+  const rest = () => {
+    stopTicking();
+    cancel.classList.add("hidden");
+    document.body.classList.remove("busy");
+  };
+  own.settle = () => { attempt = 0; rest(); };
   try {
-    for (let attempt = 0; ; attempt += 1) {
+    for (;;) {
       try {
         const text = await work(own.signal);
         if (current !== own) return false;
@@ -47,6 +60,7 @@ export async function run(what, work) {
         if (!comesBack(error)) throw error;
         stopTicking();
         await wait(Math.min(LONGEST_WAIT_S, error.retryAfter ?? 0.5 * 2 ** attempt), error, own.signal);
+        attempt += 1;
         say(`${what}…`);
       }
     }
@@ -56,11 +70,8 @@ export async function run(what, work) {
     else tell(error);
     return false;
   } finally {
-    stopTicking();
-    if (current === own) {
-      cancel.classList.add("hidden");
-      document.body.classList.remove("busy");
-    }
+    if (current === own) rest();
+    else stopTicking();
   }
 }
 

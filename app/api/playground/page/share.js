@@ -8,21 +8,24 @@ const place = document.getElementById("share");
 /**
  * Offer what was asked and answered.
  * @param asked [{path, body}]
- * @param plans [{name, plan}], for the files
+ * @param files [{label, name, type, text}]: what is saved as a file, text() its content
  */
-export function offerShare(asked, plans) {
+export function offerShare(asked, files = []) {
   place.replaceChildren(
     h("details", {},
       h("summary", {}, "The same request elsewhere"),
       snippet("curl", asked.map(asCurl).join("\n\n")),
       snippet("Python", asPython(asked)),
     ),
-    h("div", { class: "files" },
-      h("button", { type: "button", onclick: () => save("controls.csv", "text/csv", asCsv(plans)) }, "Controls as CSV"),
-      h("button", { type: "button", onclick: () => save("plan.json", "application/json", asJson(plans)) }, "Plan as JSON"),
-    ),
+    h("div", { class: "files" }, files.map((file) => h("button", { type: "button", onclick: () => save(file) }, file.label))),
   );
 }
+
+/** The files of plans [{name, plan}]. */
+export const planFiles = (plans) => [
+  { label: "Controls as CSV", name: "controls.csv", type: "text/csv", text: () => asCsv(plans) },
+  { label: "Plan as JSON", name: "plan.json", type: "application/json", text: () => asJson(plans) },
+];
 
 export const withdrawShare = () => place.replaceChildren();
 
@@ -50,15 +53,21 @@ export function asCurl({ path, body }) {
   return `curl -s ${address(path)} -H 'Content-Type: application/json'${key} \\\n  -d '${text}'`;
 }
 
-const CALLS = { plan: ["PlanRequest", "plan"], plan_multistep: ["MultistepPlanRequest", "plan_multistep"] };
+/** Of the Python client: what a request is, and what of its answer is printed. */
+const CALLS = {
+  plan: ["PlanRequest", "controls"],
+  plan_multistep: ["MultistepPlanRequest", "controls"],
+  simulate: ["SimulateRequest", "runs[0].final_state"],
+  identify: ["IdentifyRequest", "parameters"],
+};
 
 export function asPython(asked) {
   const kinds = [...new Set(asked.map(({ path }) => CALLS[path][0]))].sort();
   const key = hasKey() ? ', api_key=os.environ["BREAKAWAY_API_KEY"]' : "";
   const calls = asked.map(({ path, body }) => {
-    const [kind, call] = CALLS[path];
+    const [kind, printed] = CALLS[path];
     const fields = Object.entries(body).map(([name, value]) => `        ${name}=${literal(value)},`);
-    return `    answer = planner.${call}(${kind}(\n${fields.join("\n")}\n    ))\n    print(answer.controls)`;
+    return `    answer = planner.${path}(${kind}(\n${fields.join("\n")}\n    ))\n    print(answer.${printed})`;
   });
   return [
     ...(hasKey() ? ["import os", ""] : []),
@@ -97,8 +106,8 @@ function asJson(plans) {
   return JSON.stringify(bare.length === 1 ? bare[0][1] : Object.fromEntries(bare), null, 1);
 }
 
-function save(name, type, text) {
-  const url = URL.createObjectURL(new Blob([text], { type }));
+function save({ name, type, text }) {
+  const url = URL.createObjectURL(new Blob([text()], { type }));
   h("a", { href: url, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }

@@ -3,18 +3,11 @@
 import { get, set } from "./address.js";
 import { thresholds } from "./controls.js";
 import { h, short } from "./dom.js";
+import { marks, svg } from "./svg.js";
 import { timesOf } from "./charts/motion.js";
 
-const NS = "http://www.w3.org/2000/svg";
 const GROUND = 74;
 const LONGEST_ARROW = 90;
-
-const svg = (tag, attributes, ...children) => {
-  const element = document.createElementNS(NS, tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  element.append(...children);
-  return element;
-};
 
 export class Track {
   /** @param follow called with the time and the state that are shown */
@@ -59,12 +52,7 @@ export class Track {
     const width = this.picture.clientWidth || 1000;
     this.x = (position) => 40 + ((position - low) / (high - low)) * (width - 80);
     this.flags.replaceChildren(...targets.map(({ position }) => svg("path", { class: "flag", d: `M${this.x(position)} ${GROUND}v-58l16 8l-16 8` })));
-    const marks = ticksOf(low, high, width / 110);
-    this.ticks.replaceChildren(...marks.map((value) => svg("path", { d: `M${this.x(value)} ${GROUND}v6` })), ...marks.map((value) => {
-      const label = svg("text", { x: this.x(value), y: GROUND + 20 });
-      label.textContent = short(value);
-      return label;
-    }));
+    this.ticks.replaceChildren(...marks(this.positions, width, this.x, GROUND, short));
     this.go(this.at);
   }
 
@@ -124,13 +112,4 @@ export class Track {
     this.frame = null;
     this.button.textContent = "Play";
   }
-}
-
-/** Some round values between two others. */
-function ticksOf(low, high, count) {
-  const raw = (high - low) / count;
-  const power = 10 ** Math.floor(Math.log10(raw));
-  const step = power * [1, 2, 5, 10].find((factor) => factor * power >= raw);
-  const first = Math.ceil(low / step);
-  return Array.from({ length: Math.floor(high / step) - first + 1 }, (_, index) => Number(((first + index) * step).toPrecision(6)));
 }

@@ -26,11 +26,26 @@ export const fan = (xs, lines, name) => (ctx, u, ratio) => {
   ctx.globalAlpha = 1;
 };
 
+/** Many lines of one colour, each over xs of its own. */
+export const strands = (xs, lines, name) => (ctx, u, ratio) => {
+  ctx.lineWidth = 1.5 * ratio;
+  ctx.strokeStyle = colour(name);
+  lines.forEach((line, index) => ctx.stroke(trace(u, xs[index], line)));
+};
+
 /** A band between two y values. */
 export const band = (low, high, name) => (ctx, u) => {
   const top = u.valToPos(high, "y", true);
   ctx.fillStyle = colour(name);
   ctx.fillRect(u.bbox.left, top, u.bbox.width, u.valToPos(low, "y", true) - top);
+};
+
+/** The area between two lines over xs; where there is none of them, it is null. */
+export const area = (xs, low, high, name) => (ctx, u) => {
+  const known = [...xs.keys()].filter((k) => low[k] !== null);
+  const back = known.toReversed();
+  ctx.fillStyle = colour(name);
+  ctx.fill(trace(u, [...known, ...back].map((k) => xs[k]), [...known.map((k) => low[k]), ...back.map((k) => high[k])], { close: true }));
 };
 
 /** A dashed horizontal or vertical line. */

@@ -9,7 +9,7 @@ import { candidates, rest, section } from "../controls.js";
 import { distance, h, short, words } from "../dom.js";
 import { reserve, swatch, table } from "../measures.js";
 import { machine, method, offer, planned } from "../request.js";
-import { offerShare } from "../share.js";
+import { offerShare, planFiles } from "../share.js";
 
 export const name = "compare";
 export const title = "Compare";
@@ -58,7 +58,7 @@ export function open(view) {
       show(found);
     }
     show(found);
-    if (found.length) offerShare(asked, found);
+    if (found.length) offerShare(asked, planFiles(found));
     return found.length ? `Compared ${found.length} on one task with one seed.` : "Choose methods to compare.";
   };
 

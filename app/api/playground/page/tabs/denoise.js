@@ -9,7 +9,7 @@ import { candidates, limits, rest, section, thresholds } from "../controls.js";
 import { distance, h } from "../dom.js";
 import { choiceField, numberField } from "../fields.js";
 import { machine, number, shared } from "../request.js";
-import { offerShare } from "../share.js";
+import { offerShare, planFiles } from "../share.js";
 
 export const name = "denoise";
 export const title = "Denoise";
@@ -115,7 +115,7 @@ export function open(view) {
     const [best, middle] = [sorted.map((found) => Math.max(found[0], 1e-9)), sorted.map((found) => Math.max(found[Math.floor(found.length / 2)], 1e-9))];
     errors.show({ x: [0, steps.length - 1], y: [0.7 * Math.min(...best), 1.4 * Math.max(...middle)], data: [steps.map((_, index) => index), best, middle], summary: `the best from ${distance(best[0], unit)} to ${distance(best.at(-1), unit)}` });
     show();
-    offerShare([{ path: "plan", body }], [{ name: plan.method, plan }]);
+    offerShare([{ path: "plan", body }], planFiles([{ name: plan.method, plan }]));
     return `Denoised ${steps[0].length} candidates in ${steps.length - 1} steps, ${plan.timing_ms.total.toFixed(0)} ms, by ${plan.model.name}.`;
   };
 }

@@ -9,8 +9,8 @@ import { candidates, methodChoice, rest, section } from "../controls.js";
 import { distance, h } from "../dom.js";
 import { choiceField, numberField } from "../fields.js";
 import { reserve, swatch, table } from "../measures.js";
-import { machine, planned } from "../request.js";
-import { offerShare } from "../share.js";
+import { machine, planned, relative } from "../request.js";
+import { offerShare, planFiles } from "../share.js";
 
 export const name = "doubt";
 export const title = "Doubt";
@@ -50,17 +50,16 @@ export function open(view) {
   view.replaceChildren(words, results, shares.element, h("div", { class: "split even" }, motions.map(({ element }) => element)));
 
   return async (signal) => {
-    const relative = Object.fromEntries(PARAMETERS.map(([one]) => [one, Number(get(`relative.${one}`)) / 100]));
     const plans = [];
     const asked = [];
     for (const robust of [false, true]) {
-      const uncertainty = { relative, risk: RISKS[get("risk")] ?? get("risk"), robust };
+      const uncertainty = { relative: relative(), risk: RISKS[get("risk")] ?? get("risk"), robust };
       const body = { ...planned(["states", "ensemble"]), refine: true, uncertainty };
       asked.push({ path: "plan", body });
       plans.push(await ask("plan", body, signal));
     }
     show(...plans);
-    offerShare(asked, [{ name: "nominal", plan: plans[0] }, { name: "robust", plan: plans[1] }]);
+    offerShare(asked, planFiles([{ name: "nominal", plan: plans[0] }, { name: "robust", plan: plans[1] }]));
     return `Judged on ${plans[0].robustness.num_systems} plants, others than the robust plan was made with.`;
   };
 

@@ -9,7 +9,7 @@ import { inWords } from "../controls.js";
 import { h } from "../dom.js";
 import { measures, ofPlan, verdict } from "../measures.js";
 import { machine, number, planned } from "../request.js";
-import { offerShare } from "../share.js";
+import { offerShare, planFiles } from "../share.js";
 import { Track } from "../track.js";
 
 export const name = "plan";
@@ -47,7 +47,7 @@ export function open(view) {
     plane.show({ start, target, plan });
     motion.show({ plan, targets });
     track.show(plan, targets, around(...extent([...plan.states.map((state) => state[0]), start[0], target[0]]), 0.1));
-    offerShare([{ path: "plan", body: planned() }], [{ name: plan.method, plan }]);
+    offerShare([{ path: "plan", body: planned() }], planFiles([{ name: plan.method, plan }]));
     performance.measure("plan", { start: begun });
     const hidden = drawn.length ? "" : `; candidates are drawn up to K = ${MOST_DRAWN}`;
     return `Planned in ${plan.timing_ms.total.toFixed(1)} ms${hidden}.`;

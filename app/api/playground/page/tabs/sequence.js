@@ -10,7 +10,7 @@ import { stateField } from "../fields.js";
 import { reserve, table } from "../measures.js";
 import { machine, planned, system } from "../request.js";
 import { say } from "../run.js";
-import { offerShare } from "../share.js";
+import { offerShare, planFiles } from "../share.js";
 import { Track } from "../track.js";
 
 export const name = "sequence";
@@ -47,7 +47,7 @@ export function open(view) {
     for await (const { kind, data } of events("plan_multistep", body, signal)) {
       if (kind === "plan") {
         show(data.segments, data.system);
-        offerShare([{ path: "plan_multistep", body }], [{ name: data.method, plan: data }]);
+        offerShare([{ path: "plan_multistep", body }], planFiles([{ name: data.method, plan: data }]));
         return `Planned ${data.segments.length} segments in ${data.timing_ms.total.toFixed(1)} ms; they end ${distance(data.mean_end_error, unit)} off on average.`;
       }
       segments.push(data);

@@ -49,7 +49,6 @@ def test_a_closed_loop_goes_on_where_a_service_left_it(browser: Browser, tmp_pat
         shown = Visit(browser, url, "tab=loop")
         arrived = shown.page.locator(".results tbody tr").first
         expect(arrived).to_contain_text("arrived")
-    shown.says("the service ended the session (draining). Asking again")
     shown.says("the service cannot be reached. Asking again")
     with running(create_app(settings), port, settings):
         shown.says("Runs at")

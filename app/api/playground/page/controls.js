@@ -75,7 +75,7 @@ export function machinePart(title = "Machine") {
     friction("static_friction", "Static friction", `${force}: a push below it moves nothing`),
     friction("coulomb_friction", "Coulomb friction", `${force}: what motion costs`),
     friction("viscous_damping", "Viscous damping", "1/s: what speed costs"),
-    one("control_limit", "Control limit", unit, system.control_limit),
+    one("control_limit", "Control limit", unit === force ? `${unit}: force over mass` : unit, system.control_limit),
     h("details", { id: "more-of-the-machine" },
       h("summary", {}, "Bias, gain, Stribeck, time step"),
       one("bias", "Bias", `${force}: slope, gravity, offset`, system.bias, Math.max(1, 2 * now("bias", system.bias))),

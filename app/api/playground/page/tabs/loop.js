@@ -37,7 +37,7 @@ function task() {
   const { position_unit: unit } = machine();
   return section("Task",
     numberField({ name: "goal", label: "Go to", pointer: "/target_state", hint: `${unit}; or click on a track` }),
-    choiceField({ name: "controller", label: "Controller", pointer: "/controller", choices: Object.entries(CONTROLLERS), hint: "A PD runs beside it, tuned by search on the paper's plant." }),
+    choiceField({ name: "controller", label: "Controller", pointer: "/controller", choices: Object.entries(CONTROLLERS), hint: "beside it a PD, tuned by search on the paper's plant" }),
     numberField({ name: "noise", label: `Sensor noise, m${unit}`, pointer: "/controller/observer/position_noise", range: [0, 5], step: 0.1, hint: "of positions; the controllers are told" }),
     numberField({ name: "delay", label: "Delay, steps", pointer: "/pending_controls", range: [0, 8], step: 1, hint: "of the actuator; the controllers are told" }));
 }
@@ -64,7 +64,7 @@ export function open(view) {
   const control = new Chart({ label: "Control", height: "low", x: { label: "time, s" }, y: { label: controlUnit }, lines: lines.map((line) => ({ ...line, stepped: true })) });
   const estimates = new Estimates(force, controlUnit);
   view.replaceChildren(
-    h("p", { class: "verdict" }, "Two machines unlike the model, each under its own controller. Pull a mass, or hold a button: both get the same push, and no controller is told. Change the machine while it runs: what the controller believes of it follows."),
+    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers, which believe the same wrong model, measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold a button: both get the same push, untold. Change the machine while it runs, and see what the controller learns."),
     h("div", { class: "trackbox" }, tracks.picture, h("div", { class: "pushes" }, halt, tracks.buttons(),
       h("button", { type: "button", onclick: () => set({ goal: -Number(get("goal")) }) }, "To the other side"), counts)),
     results,

@@ -56,9 +56,12 @@ export function open(view) {
 
 /** What somebody who sees it for the first time wants to know. */
 const notes = (friction) => h("dl", { class: "notes" }, [
+  ["What is this?", "A mass that dry friction holds is to get from start to target. The plan is the whole sequence of controls, made beforehand. Drag start and target in the plane above, press Play."],
   ["Why does a small push do nothing?", friction],
   ["What is the floor?", "The least error that any controls can end with, in so many steps, by the physics alone. Inside the blue area it is 0; outside, no method arrives."],
-  ["Which method?", "To arrive exactly: dataset prior, refined. For near and smooth plans without refinement: action diffusion. Compare shows them side by side."],
+  ["Which method?", "To arrive exactly: dataset prior, with Refine ticked. For near and smooth plans without refinement: action diffusion. Compare shows them side by side."],
+  ["Can my machine do this move?", "Choose it as preset or set its numbers: the first sentence of this page says whether the target can be reached, and in how few steps. Your machine finds the numbers from a log."],
+  ["And if its friction is not quite known?", "Then no plan made beforehand arrives: Doubt shows by how much it misses, and Closed loop what measuring on the way does about it."],
 ].map(([question, answer]) => h("div", {}, h("dt", {}, question), h("dd", {}, answer))));
 
 const legend = () => h("ul", { class: "legend" },

@@ -36,11 +36,10 @@ export const DEFAULTS = {
   direction: "auto",
 };
 
-/** How what is there is looked at, or goes on: nothing has to be asked anew for these. */
-export const VIEWS = [
-  "stage", "moment", "goal",
-  "off.static_friction", "off.coulomb_friction", "off.viscous_damping", "off.control_gain", "off.bias",
-];
+/** How what is there is looked at: nothing has to be asked anew for these. */
+export const VIEWS = ["stage", "moment"];
+/** What a closed loop that is under way takes in as it goes. */
+export const LIVE = ["goal", "off.static_friction", "off.coulomb_friction", "off.viscous_damping", "off.control_gain", "off.bias"];
 
 const BETWEEN_MS = 100;
 /** Browsers take an address seldom: a slider that is dragged would change it too often. */

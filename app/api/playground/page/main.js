@@ -1,11 +1,11 @@
 // Boots the page: asks what the service offers, shows the tab that the address names.
 
-import { VIEWS, get, listen, set } from "./address.js";
+import { LIVE, VIEWS, get, listen, set } from "./address.js";
 import { read, setKey } from "./api.js";
 import { build } from "./controls.js";
 import { h } from "./dom.js";
 import { offer, ownMachine } from "./request.js";
-import { run } from "./run.js";
+import { isUnderWay, run } from "./run.js";
 import { withdrawShare } from "./share.js";
 import * as compare from "./tabs/compare.js";
 import * as denoise from "./tabs/denoise.js";
@@ -51,7 +51,8 @@ function showTab() {
 /** Ask for what the address says, on a tab that fits. */
 function update(changed) {
   showTab();
-  if (!offer.machines.length || (changed.length && changed.every((name) => VIEWS.includes(name)))) return;
+  const isTakenIn = (name) => VIEWS.includes(name) || (LIVE.includes(name) && isUnderWay());
+  if (!offer.machines.length || (changed.length && changed.every(isTakenIn))) return;
   const tab = current();
   if (changed.some((name) => CHANGE_THE_FORM.includes(name))) build(tab);
   if (changed.includes("tab") || changed.includes("machine")) {

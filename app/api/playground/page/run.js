@@ -23,6 +23,8 @@ export function underWay(text) {
   say(text);
 }
 
+export const isUnderWay = () => current?.isUnderWay ?? false;
+
 /**
  * Run work(signal), which is text of what came of it; whatever was under way is given up.
  * Returns whether it came to its end.
@@ -48,7 +50,7 @@ export async function run(what, work) {
     cancel.classList.add("hidden");
     document.body.classList.remove("busy");
   };
-  own.settle = () => { attempt = 0; rest(); };
+  own.settle = () => { attempt = 0; own.isUnderWay = true; rest(); };
   try {
     for (;;) {
       try {
@@ -57,6 +59,7 @@ export async function run(what, work) {
         say(text);
         return true;
       } catch (error) {
+        own.isUnderWay = false;
         if (!comesBack(error)) throw error;
         stopTicking();
         await wait(Math.min(LONGEST_WAIT_S, error.retryAfter ?? 0.5 * 2 ** attempt), error, own.signal);

@@ -12,7 +12,7 @@ const place = document.getElementById("share");
  */
 export function offerShare(asked, files = []) {
   place.replaceChildren(
-    h("details", {},
+    h("details", { class: asked.length ? "" : "hidden" },
       h("summary", {}, "The same request elsewhere"),
       snippet("curl", asked.map(asCurl).join("\n\n")),
       snippet("Python", asPython(asked)),

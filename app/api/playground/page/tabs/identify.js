@@ -20,6 +20,9 @@ export const parts = [logPart, columnsPart, knownPart];
 const POINTERS = { time: "/time_step", control: "/controls", position: "/positions", velocity: "/velocities" };
 const CLEARED = ["time_step", ...Object.keys(ROLES).flatMap((role) => [`log.${role}`, `log.${role}.unit`])];
 
+const MOST_WRITTEN = 20_000;
+/** Characters of a log that is written out as a request. */
+
 let log = null;
 /** {name, text, columns}: the file stays in memory, the address has its name alone. */
 
@@ -109,7 +112,8 @@ export function open(view) {
     const findings = new Findings(unit, found.control.unit || "unit");
     findings.show({ fields, notes, answer });
     view.replaceChildren(findings.element);
-    offerShare([{ path: "identify", body: { ...body, include: [] } }], [
+    const isShort = log.text.length < MOST_WRITTEN;
+    offerShare(isShort ? [{ path: "identify", body: { ...body, include: [] } }] : [], [
       { label: "Plant as JSON", name: "system.json", type: "application/json", text: () => JSON.stringify({ system: answer.system }, null, 1) },
       { label: "Log as CSV", name: log.name, type: "text/csv", text: () => log.text },
     ]);

@@ -92,27 +92,29 @@ export function open(view) {
     }
     for (;;) {
       await seen(signal);
-      const until = AbortSignal.any([signal, hiding()]);
+      const [end, hidden] = [new AbortController(), hiding()];
+      const until = AbortSignal.any([signal, hidden, end.signal]);
       const setting = { goal: number("goal"), model, delay: number("delay") };
-      await Promise.all(lanes.map((lane, index) => lane.connect({ ...setting, controller: controller(kinds[index]) }, until)));
-      const period = periodOf(model.time_step);
-      const slowed = period / (1e3 * model.time_step);
-      underWay(`Runs at ${short(1e3 / period)} steps a second${slowed > 1.001 ? `, ${short(slowed, 2)} times slower than the machine is` : ""}.`);
-      await drive(period, until).catch((error) => { if (signal.aborted || !until.aborted) throw error; });
+      try {
+        await Promise.all(lanes.map((lane, index) => lane.connect({ ...setting, controller: controller(kinds[index]) }, until)));
+        const period = periodOf(model.time_step);
+        const slowed = period / (1e3 * model.time_step);
+        underWay(`Runs at ${short(1e3 / period)} steps a second${slowed > 1.001 ? `, ${short(slowed, 2)} times slower than the machine is` : ""}.`);
+        keepMoving(period, until);
+        await everyPeriod(period, until, (missed) => step(missed, (error) => end.abort(error)));
+      } catch (error) {
+        if (signal.aborted || !hidden.aborted) throw error;
+      } finally {
+        end.abort();
+      }
     }
   };
 
-  /** Run until a signal says so, or something fails. */
-  function drive(period, signal) {
-    const failure = new AbortController();
-    const until = AbortSignal.any([signal, failure.signal]);
-    const frame = () => {
-      if (until.aborted) return;
-      move(period);
-      requestAnimationFrame(frame);
-    };
-    frame();
-    return everyPeriod(period, until, (missed) => step(missed, (error) => failure.abort(error)));
+  /** Move the masses with every frame of the screen. */
+  function keepMoving(period, signal) {
+    if (signal.aborted) return;
+    move(period);
+    requestAnimationFrame(() => keepMoving(period, signal));
   }
 
   /** One step of both machines, and what their sensors say; both wait for an answer that is late. */

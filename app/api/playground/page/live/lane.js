@@ -9,6 +9,7 @@ export class Lane {
     this.machine = new Machine();
     this.energy = 0;
     this.roundTripMs = null;
+    this.observerError = null;
     this.answer = null;
   }
 
@@ -42,8 +43,10 @@ export class Lane {
       this.goal = goal;
     }
     const begun = performance.now();
+    const [position] = this.machine.state;
     const answer = await this.session.ask({ type: "measure", ...this.machine.measure(noise, draws) });
     this.roundTripMs = performance.now() - begun;
+    this.observerError = Math.abs(answer.estimate.position - position);
     this.machine.control = answer.control;
     this.carry = answer.carry;
     this.answer = answer;

@@ -91,7 +91,7 @@ export function open(view) {
       view.replaceChildren(invitation);
       return "There is no log yet.";
     }
-    if (get("log") === NAME && !log?.text) log = { name: NAME, text: await sample(signal) };
+    if (get("log") === NAME && !(log?.name === NAME && log.text)) log = { name: NAME, text: await sample(signal) };
     if (log?.name !== get("log")) {
       throw new LogProblem("file", `choose ${get("log")} again: the address has its name alone`);
     }

@@ -172,9 +172,9 @@ export function open(view) {
     place();
     move(1);
     counts.textContent = `${steps} steps, ${late} late`;
-    results.replaceChildren(table("How they do", ["Controller", "State", "Error", "Energy", "There and back"], lanes.map((lane, index) => [
+    results.replaceChildren(table("How they do", ["Controller", "State", "Error", "Its observer off by", "Energy", "There and back"], lanes.map((lane, index) => [
       swatch(index + 1, lane.title), STATES[lane.answer?.status] ?? "–", distance(Math.abs(lane.machine.state[0] - number("goal")), unit),
-      short(lane.energy), lane.roundTripMs === null ? "–" : `${lane.roundTripMs.toFixed(1)} ms`,
+      lane.answer ? distance(lane.observerError, unit) : "–", short(lane.energy), lane.roundTripMs === null ? "–" : `${lane.roundTripMs.toFixed(1)} ms`,
     ])));
     share(plant);
     if (!history.length) return;

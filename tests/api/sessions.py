@@ -57,7 +57,7 @@ def opened(
         socket_url(client),
         additional_headers=headers,
         origin=None if origin is None else Origin(origin),
-        subprotocols=protocols and [Subprotocol(name) for name in protocols],
+        subprotocols=None if protocols is None else [Subprotocol(name) for name in protocols],
         compression=None,
         open_timeout=START_SECONDS,
     ) as connection:

@@ -8,7 +8,7 @@ from app.launch import free_port
 from app.main import create_app
 from app.settings import Settings
 from tests.browser import Visit, needs_chromium
-from tests.served import client_of, running, wait_until_ready
+from tests.served import client_of, running, wait_until, wait_until_ready
 
 pytestmark = needs_chromium
 
@@ -42,6 +42,10 @@ def test_a_service_that_goes_away_is_waited_for(browser: Browser, tmp_path: Path
         shown.is_quiet(refusals=True)
 
 
+def steps_of(shown: Visit) -> int:
+    return int(shown.page.locator(".counts").inner_text().split()[0])
+
+
 def test_a_closed_loop_goes_on_where_a_service_left_it(browser: Browser, tmp_path: Path) -> None:
     settings, port = Settings(model_store=tmp_path), free_port()
     with running(create_app(settings), port, settings) as url, client_of(url) as client:
@@ -50,8 +54,10 @@ def test_a_closed_loop_goes_on_where_a_service_left_it(browser: Browser, tmp_pat
         arrived = shown.page.locator(".results tbody tr").first
         expect(arrived).to_contain_text("arrived")
     shown.says("the service cannot be reached. Asking again")
+    steps = steps_of(shown)
     with running(create_app(settings), port, settings):
         shown.says("Runs at")
+        wait_until(lambda: steps_of(shown) > steps + 5)
         expect(arrived).to_contain_text("arrived")
         shown.is_quiet(refusals=True)
 

@@ -31,7 +31,7 @@ const EVERY_DRAWING = 2;
 /** Steps between drawings of the charts; the masses move with every frame of the screen. */
 const LEAST_NOISE = 1e-4;
 /** m: what the service takes for a sensor that says nothing of itself. */
-const STATES = { moving: "on its way", holding: "at rest, short of it", arrived: "arrived", unreachable: "cannot get there" };
+const STATES = { moving: "moving", holding: "at rest, short of it", arrived: "arrived", unreachable: "cannot get there" };
 
 function task() {
   const { position_unit: unit } = machine();
@@ -64,7 +64,7 @@ export function open(view) {
   const control = new Chart({ label: "Control", height: "low", x: { label: "time, s" }, y: { label: controlUnit }, lines: lines.map((line) => ({ ...line, stepped: true })) });
   const estimates = new Estimates(force, controlUnit);
   view.replaceChildren(
-    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers, which believe the same wrong model, measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold a button: both get the same push, untold. Change the machine while it runs, and see what the controller learns."),
+    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers, which believe the same wrong model, measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold a button: both get the same push, untold, and take a long one for a change of the machine. Change the machine while it runs, and see what the controller learns."),
     h("div", { class: "trackbox" }, tracks.picture, h("div", { class: "pushes" }, halt, tracks.buttons(),
       h("button", { type: "button", onclick: () => set({ goal: -Number(get("goal")) }) }, "To the other side"), counts)),
     results,

@@ -4,7 +4,7 @@ import { get, set } from "../address.js";
 import { around, Chart, extent } from "../charts/chart.js";
 import { colour } from "../charts/colours.js";
 import { band, rule } from "../charts/layers.js";
-import { limits, machinePart, section, thresholds } from "../controls.js";
+import { easyTarget, limits, machinePart, section, thresholds } from "../controls.js";
 import { distance, h, short } from "../dom.js";
 import { choiceField, numberField } from "../fields.js";
 import { everyPeriod, periodOf } from "../live/clock.js";
@@ -160,7 +160,8 @@ export function open(view) {
   /** Have the tracks show the target and both masses; they widen only where they have to. */
   function place() {
     const goal = number("goal") || 0;
-    const [low, high] = extent([goal, -goal, ...lanes.map((lane) => lane.machine.state[0])]);
+    const least = easyTarget(system());
+    const [low, high] = extent([goal, -goal, least, -least, ...lanes.map((lane) => lane.machine.state[0])]);
     const isOut = !span || low < span[0] || high > span[1];
     if (!isOut && tracks.target === goal) return;
     if (isOut) span = around(Math.min(low, span?.[0] ?? 0), Math.max(high, span?.[1] ?? 0), 0.25);

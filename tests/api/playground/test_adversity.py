@@ -50,7 +50,7 @@ def test_a_closed_loop_goes_on_where_a_service_left_it(browser: Browser, tmp_pat
     settings, port = Settings(model_store=tmp_path), free_port()
     with running(create_app(settings), port, settings) as url, client_of(url) as client:
         wait_until_ready(client)
-        shown = Visit(browser, url, "tab=loop")
+        shown = Visit(browser, url, "tab=loop&goal=0.02")
         arrived = shown.page.locator(".results tbody tr").first
         expect(arrived).to_contain_text("arrived")
     shown.says("the service cannot be reached. Asking again")

@@ -4,7 +4,7 @@ import { get, set } from "../address.js";
 import { around, Chart, extent } from "../charts/chart.js";
 import { colour } from "../charts/colours.js";
 import { band, rule } from "../charts/layers.js";
-import { limits, machinePart, section, thresholds } from "../controls.js";
+import { easyTarget, limits, machinePart, section, thresholds } from "../controls.js";
 import { distance, h, short } from "../dom.js";
 import { choiceField, numberField } from "../fields.js";
 import { everyPeriod, periodOf } from "../live/clock.js";
@@ -31,7 +31,7 @@ const EVERY_DRAWING = 2;
 /** Steps between drawings of the charts; the masses move with every frame of the screen. */
 const LEAST_NOISE = 1e-4;
 /** m: what the service takes for a sensor that says nothing of itself. */
-const STATES = { moving: "on its way", holding: "at rest, short of it", arrived: "arrived", unreachable: "cannot get there" };
+const STATES = { moving: "moving", holding: "at rest, short of it", arrived: "arrived", unreachable: "cannot get there" };
 
 function task() {
   const { position_unit: unit } = machine();
@@ -64,7 +64,7 @@ export function open(view) {
   const control = new Chart({ label: "Control", height: "low", x: { label: "time, s" }, y: { label: controlUnit }, lines: lines.map((line) => ({ ...line, stepped: true })) });
   const estimates = new Estimates(force, controlUnit);
   view.replaceChildren(
-    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers, which believe the same wrong model, measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold a button: both get the same push, untold. Change the machine while it runs, and see what the controller learns."),
+    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers, which believe the same wrong model, measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold a button: both get the same push, untold, and take a long one for a change of the machine. Change the machine while it runs, and see what the controller learns."),
     h("div", { class: "trackbox" }, tracks.picture, h("div", { class: "pushes" }, halt, tracks.buttons(),
       h("button", { type: "button", onclick: () => set({ goal: -Number(get("goal")) }) }, "To the other side"), counts)),
     results,
@@ -160,7 +160,8 @@ export function open(view) {
   /** Have the tracks show the target and both masses; they widen only where they have to. */
   function place() {
     const goal = number("goal") || 0;
-    const [low, high] = extent([goal, -goal, ...lanes.map((lane) => lane.machine.state[0])]);
+    const least = easyTarget(system());
+    const [low, high] = extent([goal, -goal, least, -least, ...lanes.map((lane) => lane.machine.state[0])]);
     const isOut = !span || low < span[0] || high > span[1];
     if (!isOut && tracks.target === goal) return;
     if (isOut) span = around(Math.min(low, span?.[0] ?? 0), Math.max(high, span?.[1] ?? 0), 0.25);

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from app.figures.style import BLACK, BLUE, GREY, RED, new_figure
 from app.planning.arrays import FloatArray
-from app.planning.identification.log import Log
+from app.planning.identification.log_checks import checked_log
 from app.planning.identification.prediction import Windows, trace
 from app.planning.plant.friction import friction_of, weakening
 from app.planning.plant.system import System
@@ -25,7 +25,7 @@ def draw_identification(request: IdentifyRequest, answer: IdentifyResponse) -> F
         answer: the plant, its ensemble and noise.
     """
     velocities = request.velocities
-    log = Log.checked(
+    log = checked_log(
         request.time_step,
         np.array(request.controls, dtype=np.float64),
         np.array(request.positions, dtype=np.float64),

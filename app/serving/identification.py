@@ -9,7 +9,7 @@ import numpy as np
 
 from app.planning.identification.identify import EVALUATIONS, Question, identify
 from app.planning.identification.log import Log
-from app.planning.identification.log_checks import UnusableLog
+from app.planning.identification.log_checks import UnusableLog, checked_log
 from app.planning.identification.verdict import Identification
 from app.serving.admission import Work
 from app.serving.json_parts import json_parts
@@ -57,7 +57,7 @@ class IdentificationService:
             raise InvalidField("/deadline_ms", detail)
         velocities = request.velocities
         try:
-            log = Log.checked(
+            log = checked_log(
                 request.time_step,
                 np.array(request.controls, dtype=np.float64),
                 np.array(request.positions, dtype=np.float64),

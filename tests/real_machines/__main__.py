@@ -16,6 +16,7 @@ from tabulate import tabulate
 from app.planning.arrays import FloatArray
 from app.planning.identification.identify import Question, identify
 from app.planning.identification.log import Log
+from app.planning.identification.log_checks import checked_log
 from app.planning.plant.rollout import rollout_on
 from app.planning.plant.system import ByDirection, System
 
@@ -73,7 +74,7 @@ def main(files: list[Path]) -> None:
 def read(file: Path) -> Log:
     """Return a record: drive voltage (V) and measured position (m)."""
     content = loadmat(str(file))
-    return Log.checked(TIME_STEP, content["vir"][:, 0], content["qm"][:, 0])
+    return checked_log(TIME_STEP, content["vir"][:, 0], content["qm"][:, 0])
 
 
 def end_error(system: System, log: Log) -> float:

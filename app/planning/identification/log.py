@@ -10,7 +10,6 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.identification.likelihood import Record
-from app.planning.identification.log_checks import check_motion, check_series, check_time_step
 
 WINDOW_STARTS = 3
 """Steps over which the velocity at the start is looked at."""
@@ -36,28 +35,6 @@ class Log:
     """(N+1,), m."""
     velocities: FloatArray | None = None
     """As many as positions, m/s."""
-
-    @classmethod
-    def checked(
-        cls,
-        time_step: float,
-        controls: FloatArray,
-        positions: FloatArray,
-        velocities: FloatArray | None = None,
-    ) -> "Log":
-        """Return a log of controls (N,) and as many positions, or one more.
-
-        Raises:
-            UnusableLog: it cannot be a log of one machine in motion.
-        """
-        log = cls(time_step, controls, positions, velocities)
-        check_time_step(time_step)
-        check_series(log)
-        if len(positions) == len(controls):
-            # The last control shows in nothing that was measured.
-            log = replace(log, controls=controls[:-1])
-        check_motion(log)
-        return log
 
     @property
     def num_steps(self) -> int:

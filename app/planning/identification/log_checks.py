@@ -1,13 +1,12 @@
 """What cannot be a log of one machine in motion, and is refused with the reason."""
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
+from app.planning.arrays import FloatArray
+from app.planning.identification.log import Log
 from app.planning.plant.system import SMALLEST
-
-if TYPE_CHECKING:
-    from app.planning.identification.log import Log
 
 LEAST_STEPS = 30
 """Fewer samples than this say nothing about five parameters and their noise."""
@@ -38,8 +37,34 @@ class UnusableLog(ValueError):
         self.field = field
 
 
-def check_time_step(time_step: float) -> None:
-    """Refuse a time step (s) of no machine with friction; raises `UnusableLog`, as all here do."""
+def checked_log(
+    time_step: float,
+    controls: FloatArray,
+    positions: FloatArray,
+    velocities: FloatArray | None = None,
+) -> Log:
+    """Return a log of controls (N,) and as many positions, or one more.
+
+    Args:
+        time_step: s.
+        controls: units of control.
+        positions: m.
+        velocities: as many as positions, m/s; None where they are not measured.
+
+    Raises:
+        UnusableLog: it cannot be a log of one machine in motion.
+    """
+    log = Log(time_step, controls, positions, velocities)
+    _check_time_step(time_step)
+    _check_series(log)
+    if len(positions) == len(controls):
+        # The last control shows in nothing that was measured.
+        log = replace(log, controls=controls[:-1])
+    _check_motion(log)
+    return log
+
+
+def _check_time_step(time_step: float) -> None:
     if not LEAST_TIME_STEP <= time_step <= MOST_TIME_STEP:
         raise UnusableLog(
             "time_step",
@@ -48,7 +73,7 @@ def check_time_step(time_step: float) -> None:
         )
 
 
-def check_series(log: "Log") -> None:
+def _check_series(log: Log) -> None:
     """Refuse what is not a series of numbers, or constant."""
     series = {"controls": log.controls, "positions": log.positions}
     if log.velocities is not None:
@@ -91,7 +116,7 @@ def check_series(log: "Log") -> None:
         )
 
 
-def check_motion(log: "Log") -> None:
+def _check_motion(log: Log) -> None:
     """Refuse what does not move, moves as no machine does, or is two logs in one."""
     positions, step = log.positions, log.time_step
     noise = log.position_noise
@@ -131,7 +156,7 @@ def _near(index: int, size: int) -> list[int]:
     return [i for i in range(index - 2, index + 3) if 0 <= i < size]
 
 
-def _check_velocities(log: "Log") -> None:
+def _check_velocities(log: Log) -> None:
     """Refuse velocities that the positions contradict."""
     assert log.velocities is not None
     # Over as many steps as noise asks for.

@@ -5,6 +5,7 @@ import numpy as np
 from app.evaluation.logs import Recording, draw_machine, record
 from app.planning.arrays import FloatArray
 from app.planning.identification.log import Log
+from app.planning.identification.log_checks import checked_log
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import ByDirection, System
 
@@ -14,7 +15,7 @@ def log_of(system: System, controls: FloatArray, noise: float = 0.0, delay_steps
     acting = np.concatenate([np.zeros(delay_steps), controls])[: len(controls)]
     positions = rollout(system, np.zeros(2), acting[np.newaxis])[0, :, 0]
     errors = noise * np.random.default_rng(0).standard_normal(positions.size)
-    return Log.checked(system.time_step, controls, positions + errors)
+    return checked_log(system.time_step, controls, positions + errors)
 
 
 def recorded(recording: Recording, number: int) -> tuple[System, Log]:
@@ -22,7 +23,7 @@ def recorded(recording: Recording, number: int) -> tuple[System, Log]:
     machine = draw_machine(recording, 1, number)
     request = record(recording, machine, 1, number)
     velocities = request.velocities
-    return machine, Log.checked(
+    return machine, checked_log(
         request.time_step,
         np.array(request.controls),
         np.array(request.positions),

@@ -11,7 +11,7 @@ from app.planning.arrays import FloatArray
 from app.planning.identification.excitation import excitation
 from app.planning.identification.identify import Question, identify
 from app.planning.identification.log import Log
-from app.planning.identification.log_checks import UnusableLog
+from app.planning.identification.log_checks import UnusableLog, checked_log
 from app.planning.identification.verdict import Identification
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import ByDirection, System
@@ -67,7 +67,7 @@ def test_a_slow_ramp_tells_static_friction() -> None:
     noise = 2e-5 * np.random.default_rng(0).standard_normal(len(states))
 
     identified = found(
-        Log.checked(machine.time_step, controls, states[:, 0] + noise, None),
+        checked_log(machine.time_step, controls, states[:, 0] + noise, None),
         known={"control_limit": 10.0},
     )
 
@@ -176,7 +176,7 @@ def test_coulomb_friction_and_damping_are_not_told_apart_at_one_speed() -> None:
     controls = 0.2 + 2.0 * 0.46 + np.repeat(rng.uniform(-0.04, 0.04, 40), 10)
     states = rollout(system, np.array([0.0, 0.46]), controls[np.newaxis])[0]
     positions = states[:, 0] + 5e-4 * rng.standard_normal(len(states))
-    log = Log.checked(0.01, controls, positions)
+    log = checked_log(0.01, controls, positions)
     identified = found(log, known={"control_limit": 5.0, "bias": 0.0})
     coulomb = report(identified, "coulomb_friction")
     assert not coulomb.identifiable
@@ -244,6 +244,6 @@ def test_an_excitation_keeps_the_limits_and_tells_all(limits: float) -> None:
     assert np.abs(controls).max() <= limits
     states = rollout(System(control_limit=limits), np.zeros(2), controls[np.newaxis])[0]
     positions = states[:, 0] + 1e-4 * np.random.default_rng(0).standard_normal(len(states))
-    identified = found(Log.checked(0.05, controls, positions), known={"control_limit": limits})
+    identified = found(checked_log(0.05, controls, positions), known={"control_limit": limits})
     assert all(parameter.identifiable for parameter in identified.parameters)
     assert not identified.advice

@@ -7,7 +7,7 @@ import pytest
 
 from app.planning.arrays import FloatArray
 from app.planning.identification.log import Log
-from app.planning.identification.log_checks import UnusableLog
+from app.planning.identification.log_checks import UnusableLog, checked_log
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import System
 
@@ -55,18 +55,18 @@ def changed(values: FloatArray, at: slice | int, to: Any) -> FloatArray:
 def test_it_is_refused_in_words(fields: dict[str, Any], field: str, reason: str) -> None:
     whole = {"time_step": 0.05, "controls": CONTROLS, "positions": POSITIONS} | fields
     with pytest.raises(UnusableLog, match=reason) as refusal:
-        Log.checked(**whole)
+        checked_log(**whole)
     assert refusal.value.field == field
 
 
 def test_the_last_control_may_show_in_nothing() -> None:
-    log = Log.checked(0.05, CONTROLS, POSITIONS[:-1], VELOCITIES[:-1])
+    log = checked_log(0.05, CONTROLS, POSITIONS[:-1], VELOCITIES[:-1])
     assert log.num_steps == len(CONTROLS) - 1
     assert len(log.positions) == len(CONTROLS)
 
 
 def test_a_delayed_log_pairs_controls_with_what_they_do() -> None:
-    log = Log.checked(0.05, CONTROLS, POSITIONS)
+    log = checked_log(0.05, CONTROLS, POSITIONS)
     late = log.delayed(3)
     np.testing.assert_array_equal(late.controls, CONTROLS[:-3])
     np.testing.assert_array_equal(late.positions, POSITIONS[3:])

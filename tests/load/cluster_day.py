@@ -96,7 +96,8 @@ class ClusterDay:
     def check(self, verdict: Verdict) -> None:
         """Add what came of it."""
         asked = self.outcomes["asked"]
-        verdict.check("works without an answer or a refusal", self.outcomes["lost"])
+        ended = sum(self.outcomes[end] for end in ("answered", "late", "refused"))
+        verdict.check("works without an answer or a refusal", asked - ended)
         verdict.check("answers that came late, %", 100 * self.outcomes["late"] / asked, MOST_LATE)
         verdict.check("works refused, %", 100 * self.outcomes["refused"] / asked, MOST_LATE)
         busy = [replica.busy for replica in self._replicas.values() if not replica.has_died]
@@ -143,7 +144,7 @@ class ClusterDay:
     ) -> None:
         chosen = board.choose(order, self._names, now)
         if not tries or chosen is None:
-            self.outcomes["lost"] += 1
+            self.outcomes["refused"] += 1  # 503: one replica after the other has died
             return
         board.send(chosen, order, now)
         replica = self._replicas[chosen]

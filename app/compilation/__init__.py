@@ -41,6 +41,10 @@ class Kernel(Generic[R]):
         result: R = self._dispatcher(*args)
         return result
 
+    def compile_for(self, signature: Any) -> None:
+        """Compile for these types of arguments, unless that was done, and keep the result."""
+        self._dispatcher.compile(signature)
+
     @cached_property
     def _dispatcher(self) -> Any:
         from app.compilation.dispatcher import make_dispatcher

@@ -30,6 +30,10 @@ from numba.core.compiler import CompileResult
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
+from app.compilation import target
+
+target.choose()
+
 DIGEST_BYTES = 16
 SHIPPED = Path(sys.prefix) / "share" / "breakaway" / "kernels"
 """Kernels that came with the installation, such as an image's; they are only read."""
@@ -82,7 +86,7 @@ class KernelCache(_Cache):
         """Keep what was compiled for `sig`, in the first folder that takes it."""
         name = self._file_name(sig)
         try:
-            content = dumps(data._reduce())
+            content = dumps((sig, data._reduce()))
             for folder in writable_folders(self._package):
                 with suppress(OSError):
                     write(folder / name, content)
@@ -111,7 +115,8 @@ class KernelCache(_Cache):
             if content is not None:
                 # Whatever a file holds that was written whole by somebody else: not ours.
                 with suppress(Exception):
-                    found = CompileResult._rebuild(target_context, *pickle.loads(content))
+                    _, compiled = pickle.loads(content)
+                    found = CompileResult._rebuild(target_context, *compiled)
                     used[name] = DIGEST_BYTES + len(content)
                     return found
         return None
@@ -163,6 +168,11 @@ def read(file: Path) -> bytes | None:
 
 def _digest(content: bytes) -> bytes:
     return hashlib.blake2b(content, digest_size=DIGEST_BYTES).digest()
+
+
+def signature(content: bytes) -> Any:
+    """Return what a kept kernel was compiled for: the types of its arguments."""
+    return pickle.loads(content)[0]
 
 
 def folders(package: Path) -> list[Path]:

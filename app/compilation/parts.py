@@ -6,6 +6,7 @@ is kept, and found by whoever needs it.
 
 import json
 import logging
+import os
 import subprocess
 import sys
 import threading
@@ -55,12 +56,38 @@ class Part(NamedTuple):
         Raises:
             KernelsNotKept: no folder takes one of them.
         """
+        self._keep(resolve_name(self.function))
+
+    def compile_again(self, kept: Path) -> None:
+        """Compile here what another process did, which may have done so for another processor.
+
+        Nothing is called: this processor may not be able to.
+
+        Args:
+            kept: the folder in which the other process noted what it compiled.
+
+        Raises:
+            KernelsNotKept: no folder takes one of the kernels.
+            FileNotFoundError: the other process did not note the part, or a kernel is damaged.
+        """
+        from app.compilation.cache import signature
+
+        def compile_all() -> None:
+            resolve_name(self.function)  # imports them
+            kernels = {kernel.name: kernel for kernel in Kernel.all}
+            for file in json.loads(_whole(kept / self._note)):
+                kernel = kernels[file.rsplit(".", 2)[0]]
+                kernel.compile_for(signature(_whole(kept / file)))
+
+        self._keep(compile_all)
+
+    def _keep(self, compile_kernels: Callable[[], None]) -> None:
         import warnings
 
         from app.compilation.cache import KernelsNotKept, used, writable_folders, write
 
         with warnings.catch_warnings(action="error", category=KernelsNotKept):
-            resolve_name(self.function)()
+            compile_kernels()
         folder = next(writable_folders(self.package))
         write(folder / self._note, json.dumps(used).encode())
 
@@ -119,6 +146,26 @@ def compile_missing(
     log.info("kernels compiled in %.1f s", perf_counter() - started)
 
 
+def compile_for_all_levels(parts: Iterable[Part]) -> None:
+    """Compile what is kept for this processor for those of every other level as well; blocks.
+
+    Raises:
+        CalledProcessError: a part could not be compiled, for this processor or for another one.
+    """
+    from app.compilation.cache import writable_folders
+    from app.compilation.target import LEVELS
+
+    for level in LEVELS:
+        variables = {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ""}
+        for part in parts:
+            kept = next(writable_folders(part.package))
+            subprocess.run(
+                [sys.executable, "-m", __package__, *part, str(kept)],
+                env=os.environ | variables,
+                check=True,
+            )
+
+
 def _start(part: Part) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
         [sys.executable, "-m", __package__, *part],
@@ -148,6 +195,15 @@ def _progress(parts: Iterable[Part]) -> str:
     total = sum(kernel.package in packages for kernel in Kernel.all)
     titles = ", ".join(part.title for part in parts)
     return f"compiling kernels, once on this machine: {titles} ({len(kept)} of {total})"
+
+
+def _whole(file: Path) -> bytes:
+    from app.compilation.cache import read
+
+    content = read(file)
+    if content is None:
+        raise FileNotFoundError(file)
+    return content
 
 
 def _size(file: Path) -> int | None:

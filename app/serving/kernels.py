@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import loky
 
-from app.compilation.parts import Part, compile_missing
+from app.compilation.parts import Part, compile_for_all_levels, compile_missing
 from app.terminal import progress_line
 
 PLANNING = (
@@ -36,5 +36,6 @@ def prepare(parts: Iterable[Part]) -> None:
         compile_missing(parts, available_cores(), show, threading.Event())
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # for an image, which does not know where it will run
     prepare(ALL)
+    compile_for_all_levels(ALL)

@@ -94,6 +94,7 @@ export class Tracks {
     const width = this.picture.clientWidth || 1000;
     this.x = (position) => 40 + ((position - low) / (high - low)) * (width - 80);
     this.positionAt = (event) => low + ((event.clientX - this.picture.getBoundingClientRect().left - 40) / (width - 80)) * (high - low);
+    this.shown = null;
     this.flags.replaceChildren(...this.rows.map(({ ground }) => svg("path", { class: "flag", d: `M${this.x(this.target)} ${ground}v-44l14 7l-14 7` })));
     this.ticks.replaceChildren(...marks(this.span, width, this.x, this.rows.at(-1).ground, short));
   }
@@ -101,6 +102,9 @@ export class Tracks {
   /** Show where the masses are now, as machines [{position, share of full control, stuck}]. */
   show(machines) {
     const { push } = this;
+    const shown = JSON.stringify([machines, push]);
+    if (shown === this.shown) return;
+    this.shown = shown;
     machines.forEach(({ position, share, stuck }, index) => {
       const { ground, mass, arrow, band, body } = this.rows[index];
       const at = this.x(position);

@@ -27,8 +27,10 @@ const CONTROLLERS = {
 };
 const RIVAL = "PD";
 const SECONDS_SHOWN = 10;
-const EVERY_DRAWING = 2;
-/** Steps between drawings of the charts; the masses move with every frame of the screen. */
+const EVERY_DRAWING = 4;
+/** Steps between drawings of the charts. */
+const FRAME_MS = 30;
+/** Between drawings of the masses: without a graphics card a frame of the screen takes a core for long. */
 const LEAST_NOISE = 1e-4;
 /** m: what the service takes for a sensor that says nothing of itself. */
 const STATES = { moving: "moving", holding: "at rest, short of it", arrived: "arrived", unreachable: "cannot get there" };
@@ -110,11 +112,13 @@ export function open(view) {
     }
   };
 
-  /** Move the masses with every frame of the screen. */
-  function keepMoving(period, signal) {
+  /** Move the masses as time goes by. */
+  function keepMoving(period, signal, moved = -Infinity) {
     if (signal.aborted) return;
-    move(period);
-    requestAnimationFrame(() => keepMoving(period, signal));
+    const now = performance.now();
+    const isDue = now - moved >= FRAME_MS;
+    if (isDue) move(period);
+    requestAnimationFrame(() => keepMoving(period, signal, isDue ? now : moved));
   }
 
   /** One step of both machines, and what their sensors say; both wait for an answer that is late. */

@@ -10,12 +10,15 @@ WORKDIR /src
 # Only what names the dependencies, so that an edit of the source does not install them again.
 COPY pyproject.toml .
 # PyPI has the same torch with gigabytes of CUDA: "+cpu" makes pip fail rather than take that one.
-# Its headers and the tests of its C++ go; of its programs its import asks for the manager.
+# Its headers and tests go; of its programs its import asks for the manager.
 RUN python3 -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['dependencies'], sep='\n')" \
     | sed 's/^torch==.*/&+cpu/' > requirements.txt \
     && pip --python /opt/venv/bin/python install --no-cache-dir --find-links "${WHEEL_INDEX}" -r requirements.txt \
     && cd /opt/venv/lib/python3*/site-packages/torch && rm -r include test \
     && find bin -type f ! -name torch_shm_manager -delete
+# Everybody's tests go, too; numpy.testing uses some of numpy's.
+RUN cd /opt/venv/lib/python3*/site-packages \
+    && find . -path ./numpy -prune -o -type d -name tests -prune -exec rm -r {} +
 
 FROM dependencies AS package
 # `ray` brings what a cluster needs beside.

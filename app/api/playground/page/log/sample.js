@@ -3,7 +3,7 @@
 import { ask } from "../api.js";
 
 export const NAME = "sample.csv";
-const STEP = 0.02;
+const STEP = 0.04;
 const LIMIT = 4;
 const MACHINE = {
   static_friction: { forward: 0.9, backward: 1.05 }, coulomb_friction: { forward: 0.7, backward: 0.85 },
@@ -16,7 +16,7 @@ function excitation() {
   const controls = [];
   const hold = (value, seconds) => { for (let k = 0; k < Math.round(seconds / STEP); k += 1) controls.push(value); };
   for (const way of [1, -1, 1, -1]) {
-    for (let k = 0; k < 60; k += 1) controls.push(way * (0.7 + 0.015 * k));
+    for (let k = 0; k < 40; k += 1) controls.push(way * (0.7 + 0.0225 * k));
     hold(0, 0.5);
   }
   for (const push of [1.6, 2.4, 3.6]) {

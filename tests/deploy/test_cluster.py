@@ -16,12 +16,13 @@ from app.deploy.cluster import ClusterRuntime, PinnedSteps
 from app.deploy.outcomes import Outcome, Raised
 from app.deploy.router import SECONDS_PER_REPLICA, by_outstanding_rows
 from app.deploy.routing import BOARD, TRIES, Load, Order
+from app.planning.methods.uniform import Uniform
 from app.serving.refusals import ClientGone, DeadlineExceeded, NotReady, Refused
 from app.settings import Settings
 from app.wire.requests import MultistepPlanRequest, PlanRequest
 
-ASKED = PlanRequest(initial_state=(0, 0), target_state=(0.2, 0), method="uniform")
-MANY = MultistepPlanRequest(initial_state=(0, 0), targets=[(0.2, 0), (0, 0)], method="uniform")
+ASKED = PlanRequest(initial_state=(0, 0), target_state=(0.2, 0), method=Uniform())
+MANY = MultistepPlanRequest(initial_state=(0, 0), targets=[(0.2, 0), (0, 0)], method=Uniform())
 SENT = ([b"{}"], False, {"total": 1.0})
 BUSY = Raised.of(Refused("deadline", "there is no time", 1.0))
 

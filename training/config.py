@@ -84,8 +84,10 @@ class DiffusionConfig(Section):
 
     @model_validator(mode="after")
     def _goes_together(self) -> "DiffusionConfig":
-        if self.kind == "regression" and (self.num_timesteps, self.predicts) != (1, "clean"):
-            raise ValueError("a regression predicts the clean controls, at one time")
+        if (self.kind == "regression") != (self.num_timesteps == 1):
+            raise ValueError("num_timesteps is 1 for a regression, and more for all others")
+        if self.kind == "regression" and self.predicts != "clean":
+            raise ValueError("a regression predicts the clean controls")
         return self
 
 
@@ -162,12 +164,19 @@ class TrainingConfig(Section):
         return cls.model_validate(_varied(base, own))
 
 
-def _base_and_own(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what a file's base says, with all that it is based on, and what the file says."""
+def _base_and_own(
+    path: Path, above: tuple[Path, ...] = ()
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what a file's base says, with all that it is based on, and what the file says.
+
+    A base that is one of those `above` stays in what the file says, where nobody knows it.
+    """
     own = _load(path)
-    if "base" not in own:
+    base = path.parent / str(own.get("base"))
+    if "base" not in own or base in (*above, path):
         return _load(DEFAULT_CONFIG), own
-    return _varied(*_base_and_own(path.parent / str(own.pop("base")))), own
+    del own["base"]
+    return _varied(*_base_and_own(base, (*above, path))), own
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -30,7 +30,7 @@ VERSION_1 = {
     "state_std": [0.8, 0.4],
 }
 """What the first format has in place of `NEW`."""
-NEW = ("coverage", "trained_on", "condition", "predicts", "samplers")
+NEW = ("coverage", "trained_on", "kind", "condition", "uncertainty", "predicts", "samplers")
 
 
 def edit(path: Path, **changes: Any) -> None:

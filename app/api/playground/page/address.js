@@ -26,7 +26,7 @@ export const DEFAULTS = {
   targets: "0.4,0;-0.4,0;0.2,0",
   goal: "0.3",
   controller: "receding_horizon",
-  noise: "0",
+  noise: "0.2",
   delay: "0",
   "off.static_friction": "15",
   "off.coulomb_friction": "12",

@@ -9,7 +9,7 @@ import torch
 from hypothesis import settings
 
 from app.evaluation.entrants import PAPER_MODEL
-from app.serving.kernels import NETWORK, PLANNING, prepare
+from app.serving.kernels import ALL, prepare
 from training.config import DEFAULT_CONFIG, TrainingConfig
 from training.export import export
 from training.trainer import Trainer
@@ -24,7 +24,7 @@ settings.load_profile("kernels")
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
     """Compile all kernels on all cores, where the first test would on one."""
-    prepare((*PLANNING, *NETWORK))
+    prepare(ALL)
 
 
 def tiny_config() -> TrainingConfig:

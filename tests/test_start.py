@@ -19,6 +19,7 @@ from app.launch import START_SECONDS, free_port
 from tests.served import wait_until
 
 REQUEST = {"initial_state": [0, 0], "target_state": [0.3, 0], "num_candidates": 4, "seed": 1}
+STEP = {"state": [0, 0], "target_state": [0.3, 0]}
 ODD: list[dict[str, Any]] = [
     {"method": method, "horizon": horizon, "refine": {"iterations": 3}, "objective": objective}
     for method in ("uniform", "cem", "mppi", "icem")
@@ -114,6 +115,8 @@ def test_a_first_start_that_is_killed_goes_on_where_it_was(
     with starting(model_store, log, kernels_in=folder) as second:
         wait_until(second.is_ready)
         answer = second.client.post("/plan", json=REQUEST)
+        early = second.client.post("/control", json=STEP)
+        wait_until(lambda: second.client.post("/control", json=STEP).is_success)
         wait_until(lambda: "the models run compiled" in second.messages)
         again = second.client.post("/plan", json=REQUEST)
         compiled = kernels(folder)
@@ -121,6 +124,8 @@ def test_a_first_start_that_is_killed_goes_on_where_it_was(
             assert second.client.post("/plan", json=REQUEST | odd).is_success
         assert kernels(folder) == compiled
 
+    assert early.status_code == 503  # plans do not wait for the kernels of closed loops
+    assert "compiles kernels" in early.json()["detail"]
     assert len(kept) > 5
     assert kernels(folder).items() >= kept.items()
     assert again.json()["controls"] == pytest.approx(answer.json()["controls"], abs=1e-4)

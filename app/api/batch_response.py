@@ -4,16 +4,16 @@ import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import ExitStack, aclosing
 
-from starlette.responses import Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import Send
 
+from app.api.sending import PartedResponse
 from app.serving.batches import Batch
 from app.serving.refusals import ClientGone
 
 NDJSON = "application/x-ndjson"
 
 
-class BatchResponse(Response):
+class BatchResponse(PartedResponse):
     """Sends the parts of a batch; the next one is begun when the client has taken one.
 
     Args:
@@ -30,29 +30,20 @@ class BatchResponse(Response):
         parts: AsyncGenerator[tuple[range, list[bytes]], None],
         until_sent: ExitStack,
     ) -> None:
-        super().__init__()
-        del self.headers["Content-Length"]
+        super().__init__(until_sent, {})
         self._batch = batch
         self._parts = parts
-        self._until_sent = until_sent
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
-        with self._until_sent:
-            await send(
-                {
-                    "type": "http.response.start",
-                    "status": self.status_code,
-                    "headers": self.raw_headers,
-                }
-            )
-            try:
-                async with aclosing(self._parts) as parts:
-                    async for part, lines in parts:
-                        self._batch.done(part)
-                        await self._send(lines, send)
-            except ClientGone:
-                return
-            await send({"type": "http.response.body", "body": b"", "more_body": False})
+    async def send_body(self, send: Send) -> None:
+        """Send line after line, and count what is done."""
+        try:
+            async with aclosing(self._parts) as parts:
+                async for part, lines in parts:
+                    self._batch.done(part)
+                    await self._send(lines, send)
+        except ClientGone:
+            return
+        await send({"type": "http.response.body", "body": b"", "more_body": False})
 
     async def _send(self, lines: list[bytes], send: Send) -> None:
         work = self._batch.work

@@ -10,9 +10,9 @@ from contextlib import ExitStack
 from typing import Any
 
 from starlette.datastructures import Headers
-from starlette.responses import Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import Send
 
+from app.api.sending import PartedResponse
 from app.serving.json_parts import json_parts
 
 EVENT_STREAM = "text/event-stream"
@@ -75,7 +75,7 @@ async def stream(
     return EventResponse(events(), until_sent.pop_all())
 
 
-class EventResponse(Response):
+class EventResponse(PartedResponse):
     """Sends events as they come; whoever makes them learns by itself that the client has gone.
 
     Args:
@@ -87,15 +87,11 @@ class EventResponse(Response):
 
     def __init__(self, events: AsyncIterator[bytes], until_sent: ExitStack) -> None:
         # nginx would hold them back.
-        super().__init__(headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
-        del self.headers["content-length"]
+        super().__init__(until_sent, {"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
         self._events = events
-        self._until_sent = until_sent
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
-        start = {"status": self.status_code, "headers": self.raw_headers}
-        with self._until_sent:
-            await send({"type": "http.response.start", **start})
-            async for event in self._events:
-                await send({"type": "http.response.body", "body": event, "more_body": True})
-            await send({"type": "http.response.body", "body": b""})
+    async def send_body(self, send: Send) -> None:
+        """Send event after event."""
+        async for event in self._events:
+            await send({"type": "http.response.body", "body": event, "more_body": True})
+        await send({"type": "http.response.body", "body": b""})

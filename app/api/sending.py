@@ -100,10 +100,35 @@ def _quality(parameters: list[str]) -> float:
     return 1.0
 
 
-class AnswerResponse(Response):
-    """Sends a body part by part, and lets go of each.
+class PartedResponse(Response):
+    """Sends its body itself, part by part; the base of those that do.
 
     The server waits before a part until the client's connection takes it.
+
+    Args:
+        until_sent: ends when the body is sent, or will not be.
+        headers: of the answer; without a Content-Length it is sent in chunks.
+    """
+
+    def __init__(self, until_sent: ExitStack, headers: dict[str, str]) -> None:
+        super().__init__(headers=headers)
+        if "Content-Length" not in headers:
+            del self.headers["Content-Length"]
+        self._until_sent = until_sent
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
+        start = {"status": self.status_code, "headers": self.raw_headers}
+        with self._until_sent:
+            await send({"type": "http.response.start", **start})
+            await self.send_body(send)
+
+    async def send_body(self, send: Send) -> None:
+        """Send all parts; the last one says that it is."""
+        raise NotImplementedError
+
+
+class AnswerResponse(PartedResponse):
+    """Sends a body of known length and lets go of each part.
 
     Args:
         body: what to send.
@@ -111,26 +136,20 @@ class AnswerResponse(Response):
         until_sent: ends when the body is sent, or will not be.
     """
 
+    media_type = "application/json"
+
     def __init__(self, body: Body, headers: dict[str, str], until_sent: ExitStack) -> None:
         sent_as = {"Content-Encoding": "gzip"} if body.is_gzip else {}
         length = {"Content-Length": str(body.num_bytes), "Vary": "Accept-Encoding"}
-        super().__init__(headers=headers | length | sent_as, media_type="application/json")
+        super().__init__(until_sent, headers | length | sent_as)
         self._parts = body.parts
-        self._until_sent = until_sent
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002
-        with self._until_sent:
-            await send(
-                {
-                    "type": "http.response.start",
-                    "status": self.status_code,
-                    "headers": self.raw_headers,
-                }
-            )
-            while self._parts:
-                part = self._parts.popleft()
-                is_last = not self._parts
-                message = {"type": "http.response.body", "body": part[:], "more_body": not is_last}
-                await send(message)
-                if not is_last:
-                    await asyncio.sleep(0)  # a connection that takes all would keep the others
+    async def send_body(self, send: Send) -> None:
+        """Send all parts."""
+        while self._parts:
+            part = self._parts.popleft()
+            is_last = not self._parts
+            message = {"type": "http.response.body", "body": part[:], "more_body": not is_last}
+            await send(message)
+            if not is_last:
+                await asyncio.sleep(0)  # a connection that takes all would keep the others

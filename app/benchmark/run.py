@@ -20,7 +20,7 @@ from app.inference.job import Job
 from app.inference.verification import verify
 from app.planning.plant.system import System
 from app.planning.problem import DEFAULT_HORIZON
-from app.planning.warm_up import warm_up
+from app.planning.warm_up import warm_up, warm_up_loops
 
 
 def run(store: Path, num_threads: int) -> Iterator[str]:
@@ -33,6 +33,7 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
         UnknownModel: the store has no such model.
     """
     warm_up()
+    warm_up_loops()
     engine = Engine(num_threads)
     models = engine.load(store, CPU)
     paper, chosen = models.find(PAPER_MODEL), models.covering(System(), DEFAULT_HORIZON)

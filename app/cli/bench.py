@@ -16,9 +16,9 @@ def bench() -> None:
     from app.benchmark.run import run
     from app.inference.model_store import UnknownModel
     from app.inference.verification import ModelRejected
-    from app.serving.kernels import NETWORK, PLANNING, available_cores, prepare
+    from app.serving.kernels import ALL, available_cores, prepare
 
-    prepare((*PLANNING, *NETWORK))
+    prepare(ALL)
     try:
         for line in run(read_settings(["model_store"]).model_store, available_cores()):
             click.echo(line)

@@ -146,7 +146,7 @@ def _simulate(
         Failure: it refuses the request.
     """
     from app.cli.plan_request import source
-    from app.serving.kernels import PLANNING, prepare
+    from app.serving.kernels import CONTROL, PLANNING, prepare
     from app.serving.rates import Rates
     from app.serving.refusals import InvalidField
     from app.serving.simulation import SimulationService
@@ -156,7 +156,7 @@ def _simulate(
         include = [*{*request.include, "states"}]
         request = request.model_copy(update={"include": include})
     service = SimulationService(read_settings(PLAN_SETTINGS), Rates())
-    prepare(PLANNING)
+    prepare((*PLANNING, *CONTROL))
     try:
         # Twice: the time in the answer is to be the runs', and not that of loading kernels.
         shortest = request.model_copy(update={"num_runs": 1, "steps": 1})

@@ -73,7 +73,7 @@ def evaluate(
     from app.evaluation.answer_log import EvaluationError
     from app.evaluation.run import evaluate as run_evaluation
     from app.evaluation.suites import SUITES
-    from app.serving.kernels import NETWORK, PLANNING, prepare
+    from app.serving.kernels import ALL, prepare
 
     if unknown := sorted(set(suites) - SUITES.keys()):
         there_are = "\n".join(f"{name:22}{suite.__doc__}" for name, suite in SUITES.items())
@@ -81,7 +81,7 @@ def evaluate(
     chosen = [SUITES[name](seed, quick) for name in SUITES if name in (suites or SUITES)]
     try:
         if url is None:
-            prepare((*PLANNING, *NETWORK))
+            prepare(ALL)
         report = asyncio.run(
             run_evaluation(
                 chosen, lambda: connect(url, api_key), out, concurrency, Console(stderr=True)

@@ -176,12 +176,12 @@ def _identify(log_file: Path, request: "IdentifyRequest") -> "IdentifyResponse":
         Failure: nothing follows from the log.
     """
     from app.serving.identification import IdentificationService
-    from app.serving.kernels import PLANNING, prepare
+    from app.serving.kernels import IDENTIFICATION, prepare
     from app.serving.rates import Rates
     from app.serving.refusals import InvalidField
     from app.settings import PLAN_SETTINGS
 
-    prepare(part for part in PLANNING if part.title == "identification")
+    prepare(IDENTIFICATION)
     service = IdentificationService(read_settings(PLAN_SETTINGS), Rates())
     try:
         return service.identify(service.resolve(request))

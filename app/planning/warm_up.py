@@ -55,9 +55,13 @@ def make_control_step() -> None:
 
 
 def warm_up() -> None:
-    """Make all of them."""
+    """Make all plans."""
     make_refined_plans()
     make_bounded_plan()
     make_plans()
+
+
+def warm_up_loops() -> None:
+    """Make what is not a plan."""
     weigh_log()
     make_control_step()

@@ -12,12 +12,17 @@ PLANNING = (
     Part("refinement", "app.planning.warm_up:make_refined_plans"),
     Part("the reachable set", "app.planning.warm_up:make_bounded_plan"),
     Part("the methods", "app.planning.warm_up:make_plans"),
-    Part("identification", "app.planning.warm_up:weigh_log"),
-    Part("the closed loop", "app.planning.warm_up:make_control_step"),
 )
 """Whoever plans needs them; the longest first."""
+IDENTIFICATION = (Part("identification", "app.planning.warm_up:weigh_log"),)
+"""Whoever has a log needs them."""
+CONTROL = (Part("the closed loop", "app.planning.warm_up:make_control_step"),)
+"""Whoever runs a closed loop needs them, and those of planning."""
+LOOPS = (*CONTROL, *IDENTIFICATION)
+"""Plans do without them."""
 NETWORK = (Part("the network", "app.inference.kernel:warm_up"),)
 """TorchScript does without them."""
+ALL = (*PLANNING, *LOOPS, *NETWORK)
 
 
 def available_cores() -> int:
@@ -32,5 +37,5 @@ def prepare(parts: Iterable[Part]) -> None:
 
 
 if __name__ == "__main__":  # for an image, which does not know where it will run
-    prepare((*PLANNING, *NETWORK))
-    compile_for_all_levels((*PLANNING, *NETWORK))
+    prepare(ALL)
+    compile_for_all_levels(ALL)

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from time import perf_counter
 from typing import TypeVar
@@ -11,7 +11,7 @@ from typing import TypeVar
 import anyio
 import anyio.to_thread
 
-from app.compilation.parts import are_kept, compile_missing
+from app.compilation.parts import Part, are_kept, compile_missing
 from app.inference.device import choose_device
 from app.inference.engine import Engine, Tick, Watch
 from app.inference.model import Model
@@ -20,14 +20,14 @@ from app.inference.networks import KINDS
 from app.inference.shares import Share
 from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
-from app.planning.warm_up import warm_up
+from app.planning.warm_up import warm_up, warm_up_loops
 from app.serving.admission import NONE, Admission, Pending
 from app.serving.batch_resolution import resolve_batch
 from app.serving.batches import Batch
 from app.serving.control import ControlService
 from app.serving.control_sessions import ControlSessions
 from app.serving.identification import IdentificationService
-from app.serving.kernels import NETWORK, PLANNING, available_cores
+from app.serving.kernels import LOOPS, NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
 from app.serving.service import PlanningService
@@ -82,6 +82,8 @@ class Runtime:
         self._identification = IdentificationService(settings, self._rates)
         self._draining = False
         self._state = "the service is starting"
+        self._has_loops = False
+        """Whether what is not a plan is compiled, too."""
         self._stop = threading.Event()
         self.started = asyncio.Event()
         """Set once the service is ready, or has failed to become so."""
@@ -111,31 +113,36 @@ class Runtime:
     @property
     def identification(self) -> IdentificationService:
         """The service behind `/identify`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._identification
 
     @property
     def simulation(self) -> SimulationService:
         """The service behind `/simulate`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._simulation
 
     @property
     def control(self) -> ControlService:
         """The service behind a single step of `/control`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._control
 
     @property
     def sessions(self) -> ControlSessions:
         """The sessions of `/control`; errors as for `service`."""
-        self.check_ready()
+        self._check_loops()
         return self._sessions
 
     def check_ready(self) -> None:
         """Return if plans can be made; errors as for `service`."""
         if self._service is None:
             raise NotReady(self._state)
+
+    def _check_loops(self) -> None:
+        self.check_ready()
+        if not self._has_loops:
+            raise NotReady("the service makes plans, and compiles kernels for all else")
 
     @property
     def open_sessions(self) -> int:
@@ -165,6 +172,7 @@ class Runtime:
             return
         finally:
             self.started.set()
+        await self._compile_loops()
         await self._compile_network()
 
     async def load(self) -> None:
@@ -203,6 +211,8 @@ class Runtime:
                 raise NotReady(self._state)
             tell("loading models")
             warm_up()
+            if are_kept(LOOPS):
+                self._warm_up_loops()
             kinds = KINDS if are_kept(NETWORK) else KINDS[-1:]
             return self._engine.load(self.settings.model_store, self._device, kinds, serving)
 
@@ -212,16 +222,26 @@ class Runtime:
         self._service = PlanningService(self.settings, models, self._engine, self._rates)
         set_aside_what_stays()
 
+    async def _compile_loops(self) -> None:
+        """Compile what plans do without, while they are served."""
+        if self._has_loops:
+            return
+        log.info("plans are served; closed loops and machines from logs when they are compiled")
+        try:
+            await self._in_thread(partial(self._compile, LOOPS))
+            if not self._draining:
+                await self._in_thread(self._warm_up_loops)
+                log.info("closed loops and machines from logs are served, too")
+        except Exception as error:
+            log.warning("no closed loops, and no machines from logs: %s", reason(error))
+
     async def _compile_network(self) -> None:
         """Put compiled networks in the place of TorchScript, which served until they were here."""
         if self._device.type != "cpu" or not self.service.models.models or are_kept(NETWORK):
             return
         log.info("TorchScript runs the models until their kernels are compiled")
-        compiling = partial(
-            compile_missing, NETWORK, self.network_threads, lambda _: None, self._stop
-        )
         try:
-            await self._in_thread(compiling)
+            await self._in_thread(partial(self._compile, NETWORK))
             async with self._loading:
                 store = self.settings.model_store
                 models = await self._in_thread(lambda: self._engine.load(store, self._device))
@@ -232,6 +252,13 @@ class Runtime:
             log.warning("TorchScript goes on running the models: %s", reason(error))
         else:
             log.info("the models run compiled")
+
+    def _warm_up_loops(self) -> None:
+        warm_up_loops()
+        self._has_loops = True
+
+    def _compile(self, parts: Iterable[Part]) -> None:
+        compile_missing(parts, self.network_threads, lambda _: None, self._stop)
 
     async def _in_thread(self, function: Callable[[], T]) -> T:
         """Return `function()`, called in a thread that nobody waits for once the service ends."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from app.compilation import KERNEL_PACKAGES, Kernel
 from app.compilation.cache import folders
 from app.compilation.parts import are_kept
-from app.serving.kernels import NETWORK, PLANNING, prepare
+from app.serving.kernels import ALL, prepare
 from tests.compilation.source import kernels, run
 
 COMPILE = """
@@ -25,8 +25,8 @@ print(part.is_kept(), len(told), told[-1] if told else "")
 
 
 def test_the_parts_hold_every_kernel_of_planning_and_network() -> None:
-    prepare((*PLANNING, *NETWORK))
-    assert are_kept((*PLANNING, *NETWORK))
+    prepare(ALL)
+    assert are_kept(ALL)
     kept = [
         file.name
         for package in KERNEL_PACKAGES

@@ -5,7 +5,8 @@ with an image, and all replicas of a service run the same machine code. The psAB
 the levels.
 """
 
-# mypy: disable-error-code="no-untyped-call"
+# Numba fills in its configuration at run time.
+# mypy: disable-error-code="attr-defined, no-untyped-call"
 
 from collections.abc import Mapping
 

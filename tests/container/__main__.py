@@ -31,8 +31,8 @@ LONG = {**PLAN, "method": {"name": "cem", "iterations": 4000}, "num_candidates":
 KEPT = """
 import sys
 from app.compilation.parts import are_kept
-from app.serving.kernels import NETWORK, PLANNING
-sys.exit(not are_kept((*PLANNING, *NETWORK)))
+from app.serving.kernels import ALL
+sys.exit(not are_kept(ALL))
 """
 
 

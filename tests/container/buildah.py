@@ -33,7 +33,7 @@ class Buildah:
         self._folder = folder
         self._command = ["buildah", "--root", f"{folder}/storage", "--runroot", f"{folder}/run"]
 
-    def __call__(self, *arguments: str | Path, **options: Any) -> str:
+    def __call__(self, *arguments: str | Path) -> str:
         """Run a command of buildah's; return what it prints."""
         done = subprocess.run(
             [*self._command, *map(str, arguments)],
@@ -41,7 +41,6 @@ class Buildah:
             stdout=subprocess.PIPE,
             text=True,
             env=os.environ | {"BUILDAH_ISOLATION": "chroot"},
-            **options,
         )
         return done.stdout.strip()
 

@@ -42,7 +42,8 @@ class Buildah:
             text=True,
             env=os.environ | {"BUILDAH_ISOLATION": "chroot"},
         )
-        return done.stdout.strip()
+        printed: str = done.stdout
+        return printed.strip()
 
     def debian(self) -> str:
         """Make a base image of Debian's packages, unless there is one; return its name."""

@@ -24,7 +24,7 @@ FROM dependencies AS package
 # `ray` brings what a cluster needs beside.
 ARG EXTRA=""
 COPY . .
-RUN pip --python /opt/venv/bin/python install --no-cache-dir --prefix /package ".[${EXTRA}]" \
+RUN pip --python /opt/venv/bin/python install --no-cache-dir --prefix /package ".${EXTRA:+[${EXTRA}]}" \
     && mv /package/lib/python3*/site-packages/model_store /models
 
 FROM ${BASE_IMAGE}

@@ -1,6 +1,7 @@
 """The levels of x86-64 that kernels are compiled for, and compiling for another one."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -27,6 +28,11 @@ PUSH = (
 )
 
 
+def run_for(name: str, source: Path, folder: Path, code: str) -> Any:
+    """Run Python as it were on a processor of this level."""
+    return run(source, folder, "-c", code, NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES="")
+
+
 @pytest.mark.parametrize(
     ("features", "name"),
     [
@@ -48,13 +54,12 @@ def test_what_is_compiled_for_a_level_is_used_on_its_processors_only(
 ) -> None:
     """`x86-64-v2` stands for a processor that is not this one, and that this one can play."""
     folder = tmp_path / "cache"
-    other = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
     compile_for = COMPILE.replace("target.LEVELS[name]", "set()")
     run(source, folder, "-c", compile_for, "x86-64-v2")
     kept = kernels(folder)
 
     here = run(source, folder, "-c", PUSH).stdout.split()
-    there = run(source, folder, "-c", PUSH, **other).stdout.split()
+    there = run_for("x86-64-v2", source, folder, PUSH).stdout.split()
 
     assert kernels(folder) == kept  # nothing was missing
     assert here[1] == there[1] == "1"
@@ -71,7 +76,5 @@ def test_kernels_for_a_processor_that_is_not_here_are_compiled_and_not_called(
         "from app.compilation.parts import Part; "
         "print(Part('', 'app.planning.probe:push_once').is_kept())"
     )
-    for_v4 = {"NUMBA_CPU_NAME": "x86-64-v4", "NUMBA_CPU_FEATURES": ""}
-    for_none = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
-    assert run(source, folder, "-c", is_kept, **for_v4).stdout == "True\n"
-    assert run(source, folder, "-c", is_kept, **for_none).stdout == "False\n"
+    assert run_for("x86-64-v4", source, folder, is_kept).stdout == "True\n"
+    assert run_for("x86-64-v2", source, folder, is_kept).stdout == "False\n"

@@ -91,7 +91,7 @@ def _contents(image: Image) -> Iterator[Check]:
 
 
 def _start(image: Image) -> Iterator[Check]:
-    seconds = {}
+    seconds: dict[str, float] = {}
     for access in ("rw", "ro", "rw", "ro"):
         with serving(image, ANYBODY, access=access) as served:
             taken = served.start_seconds

@@ -75,13 +75,10 @@ PendingControls = Annotated[
         max_length=MAX_PENDING_CONTROLS,
     ),
 ]
-PlannedFor = Annotated[
-    Ensemble,
-    Field(
-        description="Plants that may be the true one: the receding horizon plans for all of them, "
-        "the mean of their squared errors, in place of `system` with what was learned."
-    ),
-]
+PLANNED_FOR = (
+    "Plants that may be the true one: the receding horizon plans for all of them, the mean of "
+    "their squared errors, in place of `system` with what was learned."
+)
 Carry = Annotated[
     dict[str, Any],
     Field(description="What the last step gave, as it came: plan, observer and estimate."),
@@ -120,7 +117,7 @@ class ControlRequest(Asked):
     )
     pending_controls: PendingControls = Field([])
     carry: Carry | None = Field(None)
-    uncertainty: PlannedFor | None = Field(None)
+    uncertainty: Ensemble | None = Field(None, description=PLANNED_FOR)
     fallback: Fallback | None = Field(
         None,
         description="Plan by another method as well, where no plan of the receding horizon's own "

@@ -8,11 +8,11 @@ from app.planning.control import RecedingHorizon
 from app.planning.plant.system import System
 from app.wire.control import (
     BY_ITS_NAME,
+    PLANNED_FOR,
     Carry,
     ControllerField,
     EstimateReport,
     PendingControls,
-    PlannedFor,
     RestingState,
     Status,
     StepsLeft,
@@ -21,6 +21,7 @@ from app.wire.control import (
 from app.wire.model import ARRAY, Asked, WireModel
 from app.wire.problems import FieldError
 from app.wire.requests import Number, Seed, SystemField
+from app.wire.uncertainty import Ensemble
 
 MAX_STEP_DEADLINE_MS = 60_000.0
 
@@ -36,7 +37,7 @@ class Start(Asked):
     controller: ControllerField = Field(
         default_factory=RecedingHorizon, json_schema_extra=BY_ITS_NAME
     )
-    uncertainty: PlannedFor | None = Field(None)
+    uncertainty: Ensemble | None = Field(None, description=PLANNED_FOR)
     seed: Seed | None = Field(None, description="Decides the plants of `uncertainty`.")
     steps_left: StepsLeft | None = Field(
         None, description="Counted from the first measurement on; the session counts down."

@@ -32,7 +32,7 @@ def key_of(connection: HTTPConnection) -> str:
 
 def protocol_of(websocket: WebSocket) -> str | None:
     """Return the protocol to accept a session with: ours if it was asked for, else none."""
-    return PROTOCOL if PROTOCOL in websocket.scope["subprotocols"] else None
+    return PROTOCOL if PROTOCOL in websocket.scope.get("subprotocols", ()) else None
 
 
 async def refuse(websocket: WebSocket, refusal: Response) -> None:

@@ -199,7 +199,12 @@ def test_a_websocket_is_refused_and_not_let_by_where_nothing_is_said_of_it() -> 
 
 
 def test_a_websocket_needs_a_key_as_a_request_does() -> None:
-    scope = WEBSOCKET | {"scheme": "ws", "server": ("x", 80), "query_string": b""}
+    scope = WEBSOCKET | {
+        "scheme": "ws",
+        "server": ("x", 80),
+        "query_string": b"",
+        "extensions": {"websocket.http.response": {}},
+    }
     let_by, sent = pass_through(lambda app: ApiKeys(app, [b"digest"], ["/livez"]), scope)
     assert not let_by
     assert (sent[0]["type"], sent[0]["status"]) == ("websocket.http.response.start", 401)

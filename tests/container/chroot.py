@@ -52,7 +52,7 @@ class Image(NamedTuple):
         """Return the command that runs `arguments` in the image, as process 1."""
         variables = [*self.config["Env"], *(f"{k}={v}" for k, v in environment.items())]
         return [
-            *("unshare", "--mount", "--pid", "--fork", "--kill-child", "sh", "-ec", ENTER, "sh"),
+            *("unshare", "--mount", "--pid", "--fork", "sh", "-ec", ENTER, "sh"),
             *(str(self.root), access, user, cpus, models),
             *("env", "-i", *variables, *arguments),
         ]
@@ -106,8 +106,10 @@ def serving(image: Image, user: str, **options: str) -> Iterator[Served]:
                     raise TimeoutError("the service did not become ready")
                 time.sleep(0.05)
             yield Served(url, process, time.perf_counter() - started)
-        finally:
-            process.kill()
+        finally:  # the first process has another user by now, and outlives its parent
+            if process.poll() is None:
+                for child in psutil.Process(process.pid).children():
+                    child.kill()
 
 
 def _is_ready(url: str) -> bool:

@@ -67,8 +67,7 @@ CELLS = (
 
 
 class ClosedLoop(Suite):
-    """Controllers on plants that are off by 10 and 20 %, undisturbed and disturbed, and on real
-    machines of which less is known."""
+    """Controllers on machines that are not the model, disturbed or real ones."""
 
     name = "closed-loop"
     title = "Closed loops on plants that are off, and disturbed"

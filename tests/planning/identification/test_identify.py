@@ -113,8 +113,12 @@ def test_the_delay_is_found_and_may_be_known() -> None:
 def test_the_same_seed_gives_the_same_answer_another_one_nearly_so() -> None:
     _, log = recorded(Recording(num_steps=300), 2)
     one, again, other = found(log), found(log), found(log, seed=1)
-    assert one == again
-    assert one != other
+    assert (one.system, one.parameters, one.systems) == (
+        again.system,
+        again.parameters,
+        again.systems,
+    )
+    assert one.parameters != other.parameters
     assert one.system.control_gain == pytest.approx(other.system.control_gain, rel=0.02)
 
 
@@ -175,7 +179,7 @@ def test_coulomb_friction_and_damping_are_not_told_apart_at_one_speed() -> None:
     rng = np.random.default_rng(0)
     controls = 0.2 + 2.0 * 0.46 + np.repeat(rng.uniform(-0.04, 0.04, 40), 10)
     states = rollout(system, np.array([0.0, 0.46]), controls[np.newaxis])[0]
-    positions = states[:, 0] + 5e-4 * rng.standard_normal(len(states))
+    positions = states[:, 0] + 1e-3 * rng.standard_normal(len(states))
     log = checked_log(0.01, controls, positions)
     identified = found(log, known={"control_limit": 5.0, "bias": 0.0})
     coulomb = report(identified, "coulomb_friction")

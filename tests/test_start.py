@@ -29,9 +29,9 @@ ODD: list[dict[str, Any]] = [
 """Nobody waits for a kernel because a plan arrives late, or not at all."""
 FAILING = """
 import sys
-import app.serving.runtime
+import app.serving.local_runtime
 def warm_up(): raise MemoryError("no room for kernels")
-app.serving.runtime.warm_up = warm_up
+app.serving.local_runtime.warm_up = warm_up
 from app.cli import breakaway
 breakaway(sys.argv[1:])
 """

@@ -39,7 +39,8 @@ def test_plants_are_off_by_their_shares_at_most_each_with_its_opposite() -> None
     plants = plants_within(tasks, np.random.default_rng(2))
 
     assert plants.shape == (200, NUM_PLANTS, len(Plant._fields))
-    off = columns(plants / TASKS.plants[:, np.newaxis] - 1.0)["control_gain"]
+    gain = Plant._fields.index("control_gain")
+    off = plants[:, :, gain] / TASKS.plants[:, np.newaxis, gain] - 1.0
     assert np.all(np.abs(off) <= SPREADS[:, 3:] + 1e-12)
     np.testing.assert_allclose(off[:, : NUM_PLANTS // 2], -off[:, NUM_PLANTS // 2 :], atol=1e-12)
     np.testing.assert_array_equal(columns(plants)["bias"][:, 3], TASKS.plants[:, 9])

@@ -1,4 +1,4 @@
-"""One browser, and one service with the shipped models, for all that is looked at in a page."""
+"""A browser, and one service with the shipped models, for all that is looked at in a page."""
 
 from collections.abc import Callable, Iterator
 
@@ -13,15 +13,16 @@ from tests.served import serving, wait_until_ready
 Open = Callable[..., Visit]
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="session")
 def service() -> Iterator[httpx.Client]:
     with serving(Settings()) as client:
         wait_until_ready(client)
         yield client
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """Ends with its file: while it lives, its event loop is in the way of every other one."""
     with chromium() as browser:
         yield browser
 

@@ -65,18 +65,6 @@ class ClusterRuntime(Runtime):
         super().__init__(settings, rates, admission, lambda: PinnedSteps(self._step).compute, cores)
         self._replicas = replicas
 
-    async def start(self) -> None:
-        try:
-            await self.load()
-        except NotReady:
-            log.info("ended before it was ready")
-        except Exception as error:
-            self.failed = True
-            self._state = f"the service could not start: {error}"
-            log.exception("the service could not start")
-        finally:
-            self.started.set()
-
     async def load(self) -> ModelStore[ModelCard]:
         """Verify the models of the store, and have the replicas load what is new in it.
 

@@ -1,6 +1,5 @@
 """One step of a closed loop, without a session: from a request to an answer."""
 
-import secrets
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -21,10 +20,10 @@ from app.serving.admission import Work
 from app.serving.ensembles import ensemble_of
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
+from app.serving.seeds import drawn_seed
 from app.serving.service import check_controls, check_limits
 from app.settings import Settings
 from app.wire import control as wire
-from app.wire.requests import MAX_SEED
 from app.wire.uncertainty import Ensemble as Ensembled
 
 STEP_STEPS = 1000
@@ -266,8 +265,3 @@ def memory_of(pointer: str, carry: dict[str, Any] | None) -> Memory | None:
     except InvalidCarry as error:
         field = f"/{error.field}" if error.field else ""
         raise InvalidField(f"{pointer}{field}", str(error)) from None
-
-
-def drawn_seed(asked: int | None, most: int = MAX_SEED) -> int:
-    """Return the seed that was asked for, or draw one."""
-    return secrets.randbelow(most + 1) if asked is None else asked

@@ -17,7 +17,6 @@ from app.planning.plant.system import System
 from app.planning.uncertainty.ensemble import Ensemble
 from app.serving.control import (
     check_measured,
-    drawn_seed,
     memory_of,
     planned_for,
     step_timing,
@@ -25,6 +24,7 @@ from app.serving.control import (
 )
 from app.serving.rates import SECONDS_PER_STEP, Rate
 from app.serving.refusals import OutOfOrder
+from app.serving.seeds import drawn_seed
 from app.serving.service import check_controls
 from app.wire.sessions import AskedMessage, Measure, Start, Stop, Target
 

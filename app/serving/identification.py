@@ -1,6 +1,5 @@
 """From a log to an answer: check it, weigh what it takes, identify, report."""
 
-import secrets
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
@@ -15,10 +14,10 @@ from app.serving.admission import Work
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
+from app.serving.seeds import drawn_seed
 from app.serving.service import BYTES_PER_NUMBER
 from app.settings import Settings
 from app.wire.identification import IdentifyRequest, IdentifyResponse
-from app.wire.requests import MAX_SEED
 
 KIND = "identify"
 BYTES_PER_SYSTEM = 400
@@ -81,7 +80,7 @@ class IdentificationService:
             + BYTES_PER_SYSTEM * request.num_systems
             + BYTES_PER_NUMBER * log.num_steps * len(request.include),
         )
-        seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
+        seed = drawn_seed(request.seed)
         predicts = "predictions" in request.include
         return ResolvedIdentification(request, request.question, log, seed, predicts, work)
 

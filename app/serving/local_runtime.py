@@ -19,7 +19,6 @@ from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore
 from app.inference.networks import KINDS
 from app.inference.shares import Share, half_least_half_urgent
-from app.inference.verification import ModelRejected
 from app.memory import set_aside_what_stays
 from app.planning.control.step import ControlStep
 from app.planning.warm_up import warm_up, warm_up_loops
@@ -31,7 +30,7 @@ from app.serving.json_parts import json_parts
 from app.serving.kernels import LOOPS, NETWORK, PLANNING, available_cores
 from app.serving.rates import Rates
 from app.serving.refusals import NotReady, ShuttingDown
-from app.serving.runtime import Answered, Answers, Gone, Runtime, T
+from app.serving.runtime import Answered, Answers, Gone, Runtime, T, reason
 from app.serving.service import PlanningService, ResolvedRequest
 from app.serving.step_threads import StepThreads
 from app.serving.workers import Workers
@@ -42,12 +41,6 @@ from app.wire.requests import MultistepPlanRequest
 R = TypeVar("R")
 
 log = logging.getLogger(__name__)
-
-
-def reason(error: Exception) -> str:
-    """Return what went wrong, in one line; the error's kind where that says more."""
-    text = str(error)
-    return text if isinstance(error, ModelRejected) else f"{type(error).__name__}: {text}"
 
 
 class LocalRuntime(Runtime):
@@ -128,20 +121,9 @@ class LocalRuntime(Runtime):
 
     async def start(self) -> None:
         """Load everything in a thread, while the probes answer; then compile what may wait."""
-        try:
-            await self.load()
-        except NotReady:
-            log.info("ended before it was ready")
+        await super().start()
+        if self._service is None:
             return
-        except Exception as error:
-            # Whatever it is: a service that says nothing for ever helps nobody.
-            self.failed = True
-            known = isinstance(error, ModelRejected)
-            self._state = f"the service could not start: {reason(error)}"
-            log.error(self._state, exc_info=None if known else error)
-            return
-        finally:
-            self.started.set()
         await self._compile_loops()
         await self._compile_network()
 

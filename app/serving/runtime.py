@@ -4,12 +4,14 @@
 """
 
 import asyncio
+import logging
 from abc import ABC, abstractmethod
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 from app.inference.model_card import ModelCard
 from app.inference.model_store import ModelStore
+from app.inference.verification import ModelRejected
 from app.serving.admission import NONE, Admission, Pending, Work
 from app.serving.batch_resolution import resolve_batch
 from app.serving.batches import Batch, Describe
@@ -33,6 +35,15 @@ Gone: TypeAlias = Callable[[], Awaitable[None]]
 """Returns when nobody waits for the answer any more."""
 Answered: TypeAlias = tuple[Body, dict[str, float]]
 """An answer's body, and its `timing_ms`."""
+
+
+log = logging.getLogger(__name__)
+
+
+def reason(error: Exception) -> str:
+    """Return what went wrong, in one line; the error's kind where that says more."""
+    text = str(error)
+    return text if isinstance(error, ModelRejected) else f"{type(error).__name__}: {text}"
 
 
 class Resolved(Protocol):
@@ -141,13 +152,9 @@ class Runtime(ABC):
         self._check_loops()
         return self._sessions
 
-    def check_ready(self) -> None:
-        """Return if plans can be made; errors as for `service`."""
+    def _check_loops(self) -> None:
         if self._service is None:
             raise NotReady(self._state)
-
-    def _check_loops(self) -> None:
-        self.check_ready()
         if not self._has_loops:
             raise NotReady("the service makes plans, and compiles kernels for all else")
 
@@ -163,6 +170,21 @@ class Runtime(ABC):
         idle = {label: Pending(0, 0) for label in (NONE, *(model.label for model in models))}
         return idle | self.admission.pending
 
+    async def start(self) -> None:
+        """Make everything ready, while the probes answer."""
+        try:
+            await self.load()
+        except NotReady:
+            log.info("ended before it was ready")
+        except Exception as error:
+            # Whatever it is: a service that says nothing for ever helps nobody.
+            self.failed = True
+            known = isinstance(error, ModelRejected)
+            self._state = f"the service could not start: {reason(error)}"
+            log.error(self._state, exc_info=None if known else error)
+        finally:
+            self.started.set()
+
     async def drain(self) -> None:
         """Refuse new work, and return when what was taken on is done."""
         self._draining = True
@@ -176,10 +198,6 @@ class Runtime(ABC):
         if self._draining:
             raise NotReady(self._state)
         self._service = service
-
-    @abstractmethod
-    async def start(self) -> None:
-        """Make everything ready, while the probes answer."""
 
     @abstractmethod
     async def load(self) -> ModelStore[ModelCard]:

@@ -3,7 +3,6 @@
 Plain blocking code: the routes plan in a thread, the command line calls it as it is.
 """
 
-import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -44,9 +43,10 @@ from app.serving.ensembles import uncertainty_of
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
+from app.serving.seeds import drawn_seed
 from app.settings import Settings
 from app.wire.answers import MultistepPlanResponse, PlanResponse
-from app.wire.requests import MAX_SEED, MultistepPlanRequest, PlanRequest, State
+from app.wire.requests import MultistepPlanRequest, PlanRequest, State
 
 if TYPE_CHECKING:
     from app.inference.engine import Engine
@@ -105,7 +105,7 @@ class PlanningService:
         horizon = request.horizon or (named.manifest.horizon if named else DEFAULT_HORIZON)
         self._check_size(request, horizon, num_targets)
         check_controls("/pending_controls", request.pending_controls, system)
-        seed = secrets.randbelow(MAX_SEED + 1) if request.seed is None else request.seed
+        seed = drawn_seed(request.seed)
         asked, model, samplers = request.recipe(), None, None
         if request.uncertainty:
             uncertainty = uncertainty_of(request.uncertainty, system, request.initial_state, seed)

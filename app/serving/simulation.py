@@ -20,11 +20,12 @@ from app.planning.control.step import STATUSES
 from app.planning.plant.system import System
 from app.planning.uncertainty.ensemble import Ensemble
 from app.serving.admission import Work
-from app.serving.control import drawn_seed, planned_for, steps_of
+from app.serving.control import planned_for, steps_of
 from app.serving.ensembles import check_shared
 from app.serving.json_parts import json_parts
 from app.serving.rates import Rates
 from app.serving.refusals import InvalidField
+from app.serving.seeds import drawn_seed
 from app.serving.service import BYTES_PER_NUMBER, check_controls, check_limits
 from app.settings import Settings
 from app.wire.requests import MAX_SEED

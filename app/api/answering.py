@@ -6,7 +6,8 @@ from functools import partial
 from fastapi import Request
 from fastapi.responses import Response
 
-from app.api.dependencies import NOT_READY, problems
+from app.api.body import JsonRoute
+from app.api.dependencies import NOT_READY, get_runtime, problems
 from app.api.sending import AnswerResponse, accepts_gzip
 from app.serving.runtime import Answers, Runtime, T
 
@@ -21,6 +22,15 @@ PLAN_PROBLEMS = problems(
     NOT_READY,
     (504, "The deadline has passed."),
 )
+
+
+class DeferrableRoute(JsonRoute):
+    """A route whose requests wait their turn, and go unread where that takes too long."""
+
+    async def _answer(self, request: Request) -> Response:
+        await request.body()
+        await (await get_runtime(request)).turns.take()
+        return await super()._answer(request)
 
 
 async def work_out(

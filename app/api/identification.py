@@ -3,8 +3,7 @@
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.api.answering import PLAN_PROBLEMS, work_out
-from app.api.body import JsonRoute
+from app.api.answering import PLAN_PROBLEMS, DeferrableRoute, work_out
 from app.api.dependencies import get_runtime
 from app.wire.identification import IdentifyRequest, IdentifyResponse
 from app.wire.model import build_checks
@@ -12,7 +11,9 @@ from app.wire.model import build_checks
 IDENTIFY_PATH = "/identify"
 
 build_checks()
-router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
+router = APIRouter(
+    route_class=DeferrableRoute, generate_unique_id_function=lambda route: route.name
+)
 
 
 @router.post(

@@ -10,9 +10,8 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.api.answering import PLAN_PROBLEMS, hung_up, work_out
+from app.api.answering import PLAN_PROBLEMS, DeferrableRoute, hung_up, work_out
 from app.api.batch_response import NDJSON, BatchResponse
-from app.api.body import JsonRoute
 from app.api.dependencies import get_runtime
 from app.api.errors import problem_of
 from app.api.events import EVENT_STREAM, accepts_events, as_event, stream
@@ -31,7 +30,9 @@ EVENTS: dict[int | str, dict[str, Any]] = {
 }
 
 build_checks()
-router = APIRouter(route_class=JsonRoute, generate_unique_id_function=lambda route: route.name)
+router = APIRouter(
+    route_class=DeferrableRoute, generate_unique_id_function=lambda route: route.name
+)
 
 
 @router.post("/plan", response_model=PlanResponse, responses=PLAN_PROBLEMS, tags=["planning"])

@@ -3,6 +3,7 @@
 No torch in here: models can be listed and checked without loading it.
 """
 
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
@@ -110,7 +111,7 @@ class Manifest(_AnyManifest):
                 raise ValueError(f"samplers: {error}") from error
         return self
 
-    @property
+    @cached_property
     def label(self) -> str:
         """`name/version`, as requests name it."""
         return f"{self.name}/{self.version}"

@@ -5,6 +5,7 @@ PyTorch is loaded with the first model, and not before: a compiled method plans 
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic
 
@@ -46,6 +47,8 @@ class ModelStore(Generic[M_co]):
     def __init__(self, models: Sequence[M_co], skipped: Sequence[str] = ()) -> None:
         self.models = sorted(models, key=_name_and_age)
         self._skipped = skipped
+        # Many requests are for few plants, and to look at all ranges of all models takes time.
+        self._that_cover = lru_cache(maxsize=1024)(self._compare)
 
     @staticmethod
     def load(
@@ -114,7 +117,7 @@ class ModelStore(Generic[M_co]):
         Raises:
             UnfitModel: there is none.
         """
-        covering = [model for model in self.models if model.covers(system, horizon)]
+        covering = self._that_cover(system, horizon)
         knowing = [model for model in covering if may_be_off and model.manifest.knows_uncertainty]
         if covering:
             return (*knowing, *covering)[0]
@@ -123,6 +126,9 @@ class ModelStore(Generic[M_co]):
             f"no model was trained for this plant and horizon {horizon} (other methods need none); "
             f"there are: {there_are or 'none'}"
         )
+
+    def _compare(self, system: System, horizon: int) -> list[M_co]:
+        return [model for model in self.models if model.covers(system, horizon)]
 
     def _labels(self) -> str:
         labels = ", ".join(model.label for model in self.models) or "none"

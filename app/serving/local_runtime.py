@@ -226,4 +226,5 @@ class LocalRuntime(Runtime):
 
     def close(self) -> None:
         self._steps.close()
+        self._workers.close()
         self._engine.close()

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 from app.planning.stop import Stopped
 from app.wire.problems import FieldError
 
-Reason: TypeAlias = Literal["queue_full", "deadline"]
+Reason: TypeAlias = Literal["queue_full", "deadline", "overloaded"]
 
 
 class InvalidField(Exception):

@@ -24,6 +24,7 @@ from app.serving.rates import Rates
 from app.serving.refusals import NotReady
 from app.serving.service import PlanningService, ResolvedRequest
 from app.serving.simulation import SimulationService
+from app.serving.turns import Turns
 from app.settings import Settings
 from app.wire.batches import PlanBatchRequest
 from app.wire.model import Asked
@@ -90,6 +91,7 @@ class Runtime(ABC):
     ) -> None:
         self.settings = settings
         self.admission = admission
+        self.turns = Turns()
         self.network_threads = network_threads
         self.rates = rates
         """How fast work gets done."""

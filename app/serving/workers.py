@@ -1,24 +1,34 @@
 """Threads in which plans are made, so that the event loop never computes."""
 
 import asyncio
-import math
+import threading
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import aclosing, asynccontextmanager, contextmanager, nullcontext
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import (
+    AbstractContextManager,
+    aclosing,
+    asynccontextmanager,
+    contextmanager,
+    nullcontext,
+)
+from contextvars import copy_context
 from functools import partial
 from time import perf_counter
 from typing import TypeVar
 
-import anyio
-import anyio.to_thread
-
+from app.inference.courtesy import give_way
 from app.inference.row_threads import RowThreads
 from app.planning.stop import Stopped
 from app.serving.admission import Admission, Lane, Work
+from app.serving.cores import Cores
 from app.serving.in_parts import as_done
 from app.serving.refusals import ClientGone, DeadlineExceeded
 
 P = TypeVar("P")
 T = TypeVar("T")
+
+MAX_THREADS = 1 << 16
+"""As good as any number: the admission bounds how many there are."""
 
 
 class Workers:
@@ -36,13 +46,9 @@ class Workers:
     def __init__(self, admission: Admission, row_threads: RowThreads) -> None:
         self._admission = admission
         self._row_threads = row_threads
-        self._cores: dict[Lane, anyio.CapacityLimiter] = {
-            "short": anyio.CapacityLimiter(row_threads.num_threads),
-            "long": anyio.CapacityLimiter(row_threads.num_threads),
-        }
+        self._short, self._long = Cores(row_threads.num_threads), Cores(row_threads.num_threads)
         self._network_plans = 0
-        # The admission bounds how many there are.
-        self._threads = anyio.CapacityLimiter(math.inf)
+        self._threads = ThreadPoolExecutor(MAX_THREADS, "plan", initializer=give_way)
 
     async def run(
         self, work: Work, function: Callable[[float], T], gone: Callable[[], Awaitable[None]]
@@ -113,36 +119,49 @@ class Workers:
     async def _run_network(self, function: Callable[[float], T], begun: float) -> T:
         self._change_network_plans(1)
         try:
-            return await self._in_thread(function, begun)
+            return await self._in_thread(function, begun, nullcontext())
         finally:
             self._change_network_plans(-1)
 
     def _change_network_plans(self, change: int) -> None:
         self._network_plans += change
         reserved = 1 if self._network_plans else 0
-        for cores in self._cores.values():
-            cores.total_tokens = max(1, self._row_threads.num_threads - reserved)
+        for cores in (self._short, self._long):
+            cores.set_number(max(1, self._row_threads.num_threads - reserved))
 
     async def _run_compiled(
         self, waiting: "_Waiting", function: Callable[[float], T], begun: float, lane: Lane
     ) -> T:
         """Compute on a core, once there is one; at once for a work that is stopped meanwhile."""
-        cores, borrower = self._cores["short" if lane == "short" else "long"], object()
-        acquired = False
-        try:
-            with waiting.until_stopped():
-                await cores.acquire_on_behalf_of(borrower)
-                acquired = True
-            with self._row_threads.lend() if lane != "short" and acquired else nullcontext():
-                return await self._in_thread(function, begun)
-        finally:
-            if acquired:
-                cores.release_on_behalf_of(borrower)
+        with waiting.until_stopped() as called:
+            return await self._in_thread(function, begun, self._core(lane, called))
 
-    async def _in_thread(self, function: Callable[[float], T], begun: float) -> T:
-        return await anyio.to_thread.run_sync(
-            lambda: function((perf_counter() - begun) * 1e3), limiter=self._threads
-        )
+    @contextmanager
+    def _core(self, lane: Lane, called: threading.Event) -> Iterator[None]:
+        cores = self._short if lane == "short" else self._long
+        with (
+            cores.one(called) as is_there,
+            self._row_threads.lend() if lane != "short" and is_there else nullcontext(),
+        ):
+            yield
+
+    async def _in_thread(
+        self, function: Callable[[float], T], begun: float, core: AbstractContextManager[None]
+    ) -> T:
+        def run() -> T:
+            with core:
+                return function((perf_counter() - begun) * 1e3)
+
+        loop = asyncio.get_running_loop()
+        running = loop.run_in_executor(self._threads, copy_context().run, run)
+        try:
+            return await asyncio.shield(running)
+        finally:  # whoever is cancelled waits all the same: a thread cannot be
+            await asyncio.wait([running])
+
+    def close(self) -> None:
+        """End the threads, when no plan is under way any more."""
+        self._threads.shutdown(wait=False)
 
 
 class _Waiting:
@@ -150,26 +169,25 @@ class _Waiting:
 
     def __init__(self, work: Work) -> None:
         self._work = work
-        self._scopes: set[anyio.CancelScope] = set()
+        self._events: set[threading.Event] = set()
 
     def stop(self, reason: Stopped) -> None:
         """Stop the work, and let nobody wait for it."""
         self._work.stop.set(reason)
-        for scope in self._scopes:
-            scope.cancel()
+        for event in self._events:
+            event.set()
 
     @contextmanager
-    def until_stopped(self) -> Iterator[None]:
-        """Leave the context, wherever it waits, when the work is stopped."""
-        scope = anyio.CancelScope()
-        self._scopes.add(scope)
+    def until_stopped(self) -> Iterator[threading.Event]:
+        """Provide an event that is set when the work is stopped, or has been."""
+        event = threading.Event()
+        self._events.add(event)
         if self._work.stop.flag[0]:
-            scope.cancel()
+            event.set()
         try:
-            with scope:
-                yield
+            yield event
         finally:
-            self._scopes.remove(scope)
+            self._events.remove(event)
 
 
 @asynccontextmanager

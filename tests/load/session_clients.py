@@ -71,6 +71,10 @@ class SessionClients:
         self.examples: list[str] = []
         self.longest_wait = 0.0
         """Of a control, s."""
+        for (
+            target
+        ) in TARGETS:  # now: whoever sends requests meanwhile would send a second's at once
+            controls_to(target)
 
     async def go_on_until(self, end: float) -> None:
         """Open one session after the other until then, by `perf_counter`."""

@@ -15,8 +15,8 @@ from time import perf_counter
 
 from app.serving.refusals import Refused
 
-TARGET_SECONDS = 0.05
-"""A request may wait so long for its turn."""
+TARGET_SECONDS = 0.15
+"""A request may wait so long for its turn: a few dozen clients that ask again and again do."""
 INTERVAL_SECONDS = 0.1
 """And all of them longer for so long: a large body, or another process, takes no more."""
 
@@ -28,15 +28,18 @@ class Turns:
         self._waiting: deque[asyncio.Future[None]] = deque()
         self._is_taken = False
         self._late_since = inf
+        self._is_overloaded = False
 
     async def take(self) -> None:
         """Wait for a turn, which lasts until the caller next waits for something.
 
         Raises:
-            Refused: all have had to wait long for a while.
+            Refused: all have had to wait long for a while, and there are still some.
         """
         came, loop = perf_counter(), asyncio.get_running_loop()
         if came - self._late_since > INTERVAL_SECONDS:
+            self._is_overloaded = True
+        if self._is_overloaded:
             raise Refused("overloaded", "more requests come than can be read", 1.0)
         if self._is_taken:
             turn = loop.create_future()
@@ -55,4 +58,4 @@ class Turns:
                 turn.set_result(None)
                 self._is_taken = True
         if not self._is_taken:
-            self._late_since = inf
+            self._is_overloaded, self._late_since = False, inf

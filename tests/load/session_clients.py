@@ -28,6 +28,8 @@ TARGETS = (-0.3, -0.1, 0.1, 0.2, 0.4)
 PATIENCE_SECONDS = 30.0
 LATE_SECONDS = 0.3
 STEP_MS = 1e3 * MODEL.time_step
+ROUNDING_MS = 1e-3
+"""A session's times are told to three digits."""
 UNLIKE = "controls of sessions that differ from those made alone"
 NOT_REFUSED = "bad messages of sessions that were not refused as they should be"
 BROKEN = "sessions that ended though nobody ended them"
@@ -144,8 +146,9 @@ class SessionClients:
                 self._surprise(UNLIKE, (target, control, told))
                 return
             self.events["controls"] += 1
-            self.events["late controls"] += told["timing_ms"]["total"] > STEP_MS
-            if told["late"] != (told["timing_ms"]["total"] > STEP_MS):
+            self.events["late controls"] += told["late"]
+            over = told["timing_ms"]["total"] - STEP_MS
+            if told["late"] != (over > 0) and abs(over) > ROUNDING_MS:
                 self._surprise(UNLIKE, told)
             state = rollout(TRUTH, state, np.array([[control]]))[0, -1]
             await asyncio.sleep(max(0.0, due - perf_counter()))

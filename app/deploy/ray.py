@@ -17,6 +17,8 @@ from app.main import create_app
 from app.settings import Settings
 from app.settings_options import read_settings
 
+LOGGING = {"enable_access_log": False}
+"""The service logs its requests itself; Serve would do so twice more, at ingress and replica."""
 MOST_AT_ONCE = 100_000
 """Calls of Ray's that may be under way; who may come in is for our own admission to say."""
 
@@ -99,6 +101,7 @@ def application(options: ClusterOptions) -> serve.Application:
         num_replicas=options.ingresses,
         max_ongoing_requests=MOST_AT_ONCE,
         ray_actor_options={"num_cpus": 0},
+        logging_config=LOGGING,
         graceful_shutdown_timeout_s=settings.max_deadline_ms / 1e3,
     )(Ingress)
     bound = ingress.bind(settings, replicas_of(settings, options), options.cores)
@@ -111,6 +114,7 @@ def replicas_of(settings: Settings, options: ClusterOptions) -> serve.Applicatio
         name="replica",
         max_ongoing_requests=MOST_AT_ONCE,
         ray_actor_options={"num_cpus": options.cores},
+        logging_config=LOGGING,
         health_check_period_s=1,
         health_check_timeout_s=10,
         graceful_shutdown_timeout_s=settings.max_deadline_ms / 1e3,

@@ -11,7 +11,11 @@ from pathlib import Path
 
 import click
 
-os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled"}
+os.environ |= {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_AUTH_MODE": "disabled",
+    "BREAKAWAY_LOG_LEVEL": "warning",
+}
 
 import ray
 from ray import serve
@@ -58,6 +62,7 @@ def begin_cluster(cores: int, folder: str) -> None:
                 num_cpus=cores,
                 object_store_memory=OBJECT_STORE_BYTES,
                 include_dashboard=False,
+                log_to_driver=False,
                 _temp_dir=folder,
             )
         except Exception:

@@ -31,6 +31,8 @@ from app.planning.reachable.polylines import (
 )
 
 DIRECTIONS = (1.0, -1.0)
+ROUNDING = 1e-10
+"""Relative; what it does to velocities on the way, in m/s."""
 _MAX_PIECES = 32
 """Pieces of the reachable set beyond which the narrowest holes between them are filled."""
 _FILLED = 1e-9
@@ -138,7 +140,9 @@ def _band_of_line(line: FloatArray, threshold: float) -> FloatArray:
         first += 1
     while first < last and part[last - 1, 0] == threshold:
         last -= 1
-    if first <= last and part[first, 0] == part[last, 0] and abs(part[first, 0]) >= threshold:
+    inside = (1.0 - ROUNDING) * threshold
+    if first <= last and (part[first, 0] >= inside or part[last, 0] <= -inside):
+        # A push that just breaks a mass away may end as fast as the threshold, but never slower.
         return part[:0]
     return part[first : last + 1]
 

@@ -35,7 +35,7 @@ from app.planning.reachable.reachability import (
     propagate,
     tolerance_of,
 )
-from app.planning.reachable.regimes import DIRECTIONS
+from app.planning.reachable.regimes import DIRECTIONS, ROUNDING
 from app.planning.stop import NEVER, Flag, Stop
 
 
@@ -66,8 +66,6 @@ def trace(problem: Problem, stop: Stop = NEVER) -> tuple[Reachability, FloatArra
     return described(problem, within, first, found), controls
 
 
-ROUNDING = 1e-10
-"""Relative; what it does to velocities on the way, in m/s."""
 SLACKS = (0.0, ROUNDING, 1e-6)
 """By which windows of velocities are wider than they are, relative."""
 OUTSIDE = 1e-9

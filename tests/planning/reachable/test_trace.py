@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from app.planning.methods import DatasetPrior, Uniform
@@ -68,6 +68,8 @@ def scaled_problem(plant: str, p0: float, v0: float, p1: float, v1: float, horiz
     v1=velocities,
     horizon=st.integers(1, 64),
 )
+@example(plant="fine", p0=0.0, v0=0.0, p1=8e-7, v1=0.0, horizon=3)
+@example(plant="fine", p0=0.0, v0=0.0, p1=0.0, v1=0.00390625, horizon=3)
 def test_a_traced_plan_ends_on_the_floor(
     plant: str, p0: float, v0: float, p1: float, v1: float, horizon: int
 ) -> None:

@@ -47,6 +47,7 @@ def test_every_tab_shows_what_it_is_for_in_light_and_dark(visit: Open, tab: str)
     shown = visit(f"tab={tab}&{SAMPLE}")
     shown.says(TABS[tab])
     wait_until(lambda: all(colours > 20 for colours in shown.page.evaluate(DRAWN)))
+    assert shown.page.locator(".legend").count() > 0
     shown.page.emulate_media(color_scheme="light")
     assert shut_out(shown, {"resultTypes": ["violations"]}) == []
     shown.page.emulate_media(color_scheme="dark")

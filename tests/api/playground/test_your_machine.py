@@ -1,5 +1,6 @@
 """A log is read by the page as by the command, identified by the service, and planned with."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -152,6 +153,10 @@ def test_a_machine_is_identified_and_planned_with(
         "seed": 7,
     }
     answer = service.post("/identify", json=asked).json()
+    explained = math.floor(1e4 * answer["fit"]["r2"]) / 100
+    expect(shown.page.locator(".verdict")).to_contain_text(
+        f"which explains {explained:.2f} % of the motion"
+    )
     rows = shown.page.locator(".results tbody tr")
     expect(rows).to_have_count(len(answer["parameters"]))
     texts = rows.locator("td:nth-child(2)").all_inner_texts()[:4]
@@ -173,6 +178,19 @@ def test_a_machine_is_identified_and_planned_with(
     again.is_quiet()
     shown.page.go_back()
     shown.says("Identified from 76 samples")
+    shown.is_quiet()
+
+
+def test_columns_are_recognised_by_the_names_that_are_shown(visit: Open, tmp_path: Path) -> None:
+    shown = visit(LOG)
+    shown.says("There is no log yet")
+    heading = shown.page.locator(".invitation code").inner_text()
+    file = tmp_path / "axis.csv"
+    file.write_text(text_of(heading, T, CONTROLS, MM))
+    shown.page.get_by_label("CSV file").set_input_files(file)
+    shown.says("Identified from 76 samples")
+    position = shown.page.get_by_label("Position", exact=True)
+    expect(position.locator("option:checked")).to_have_text("position_mm (by name)")
     shown.is_quiet()
 
 

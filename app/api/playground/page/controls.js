@@ -9,12 +9,12 @@ const form = document.getElementById("controls");
 form.addEventListener("submit", (event) => event.preventDefault());
 
 const TAKE_IT = {
-  action_diffusion: "Learned. Near, smooth plans in a few milliseconds without refinement.",
+  action_diffusion: "Learned: smooth plans that end near the target, in milliseconds, without refinement.",
   dataset_prior: "Random pushes. With refinement the quickest way to a plan that arrives.",
   uniform: "Random controls: the weakest baseline; it hardly gets anywhere.",
   cem: "The paper's optimiser. Needs many candidates, does not arrive exactly.",
   icem: "CEM with coloured noise: fewer rollouts for the same.",
-  mppi: "Path-integral control: near plans where no model covers the plant.",
+  mppi: "Path-integral control: plans that end near, where no learned model covers the plant.",
 };
 
 const DEFAULT_STEPS = 64;
@@ -112,7 +112,7 @@ function methodPart() {
     candidates(),
     tickField({ name: "refine", label: "Refine until it arrives", pointer: "/refine" }),
     choiceField({ name: "objective", label: "Objective", pointer: "/objective", choices: OBJECTIVES }),
-    tickField({ name: "uncertain", label: "Plan for all plants that it may be", pointer: "/uncertainty", hint: "as far off as the tab Doubt says" }),
+    tickField({ name: "uncertain", label: "Plan for all plants that it may be", pointer: "/uncertainty", hint: "its friction and gain off by as much as set in the tab Doubt" }),
     options.length ? h("details", { id: "options" }, h("summary", {}, `Options of ${words(name)}`), options) : null,
     rest(),
   );
@@ -161,10 +161,17 @@ export function optionsOf(name) {
 export function inWords(system) {
   const { control_unit: unit } = machine();
   const { forward, backward } = thresholds(system);
+  const ways = waysOut(system);
+  const held = `At rest, static friction holds the mass against any push between ${short(-backward)} and ${short(forward)} ${unit}.`;
+  if (!ways.length) return `${held} The limits allow none that is stronger: it never moves.`;
+  return `${held} Only a stronger one breaks it away${ways.length === 2 ? "" : `, and only ${ways[0]}`}; then Coulomb friction slows what slides.`;
+}
+
+/** Which ways the limits let a mass at rest break away. */
+export function waysOut(system) {
+  const { forward, backward } = thresholds(system);
   const [low, high] = limits(system);
-  const ways = [[high > forward, "forward"], [low < -backward, "backward"]].filter(([can]) => can).map(([, way]) => way);
-  const moves = ways.length === 2 ? "Only a stronger one breaks it away" : ways.length ? `Only a stronger one breaks it away, and only ${ways[0]}` : "The limits allow none that is stronger: it never moves";
-  return `At rest, static friction holds the mass against any push between ${short(-backward)} and ${short(forward)} ${unit}. ${moves}; then Coulomb friction slows what slides.`;
+  return [[high > forward, "forward"], [low < -backward, "backward"]].filter(([can]) => can).map(([, way]) => way);
 }
 
 /** The controls (in their unit) beyond which a mass at rest breaks away. */

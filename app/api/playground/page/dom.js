@@ -21,9 +21,11 @@ export function short(value, digits = 3) {
   if (size < 1e-9) return "0";
   if (size >= 1e-3 && size < 1e5) return String(Number(value.toPrecision(digits))).replace("-", "−");
   const [mantissa, power] = value.toExponential(1).split("e");
-  const raised = [...power].map((sign) => RAISED[sign] ?? (sign === "-" ? "⁻" : "")).join("");
-  return `${mantissa.replace("-", "−")}·10${raised}`;
+  return `${mantissa.replace("-", "−")}·${tenTo(power)}`;
 }
+
+/** Write a power of ten. */
+export const tenTo = (power) => `10${[...String(power)].map((sign) => RAISED[sign] ?? (sign === "-" ? "⁻" : "")).join("")}`;
 
 /** Write a distance with a unit that suits it. */
 export function distance(value, unit = "m") {

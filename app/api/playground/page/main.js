@@ -76,6 +76,7 @@ async function boot() {
 }
 
 listen(update);
+document.getElementById("to-form").addEventListener("click", () => document.getElementById("controls").scrollIntoView());
 key.addEventListener("submit", (event) => event.preventDefault());
 document.getElementById("api-key").addEventListener("change", (event) => {
   setKey(event.target.value);

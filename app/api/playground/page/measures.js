@@ -1,5 +1,6 @@
 // Tables of measures: what a plan came to, in rows or beside others.
 
+import { waysOut } from "./controls.js";
 import { distance, h, short } from "./dom.js";
 import { machine } from "./request.js";
 
@@ -9,7 +10,7 @@ export const measures = (entries) => h("dl", { class: "measures" }, entries.map(
 export function ofPlan(plan) {
   const { position_unit: unit } = machine();
   return [
-    ["Error", distance(plan.terminal_error, unit), "Distance of the last state from the target"],
+    ["Error", distance(plan.terminal_error, unit), "Distance of the last state from the target, position and velocity as one"],
     ["Floor", distance(plan.reachability.floor, unit), "The least error that any control sequence can have"],
     ["Gap", distance(plan.gap, unit), "Error less the floor: what the method is to blame for"],
     ["Energy", short(plan.control_energy), "Sum of the squared controls"],
@@ -40,12 +41,15 @@ export const swatch = (index, name) => h("span", {}, h("i", { class: `swatch ser
 export function verdict(plan) {
   const { position_unit: unit } = machine();
   const { reachability: reach } = plan;
-  const seconds = plan.controls.length * plan.system.time_step;
-  const steps = `${plan.controls.length} steps (${short(seconds)} s)`;
+  const { length } = plan.controls;
+  const seconds = (steps) => short(steps * plan.system.time_step);
   if (!reach.reachable) {
-    return `This target cannot be reached in ${steps}, whatever the method: the nearest that any plan ends is ${distance(reach.floor, unit)} away (the floor). This plan ends ${distance(plan.terminal_error, unit)} away. More steps, a higher limit or another target would help.`;
+    const [position, velocity] = reach.nearest_state;
+    const nearest = `${short(position)} ${unit} at ${short(velocity)} ${unit}/s, an error of ${distance(reach.floor, unit)} (the floor)`;
+    const help = waysOut(plan.system).length ? "More steps, a higher limit or another target would help." : "No push within the limits breaks the mass away: a higher limit would help, more steps would not.";
+    return `This target cannot be reached in ${length} steps (${seconds(length)} s), whatever the method: the nearest that any plan ends is ${nearest}. This plan has an error of ${distance(plan.terminal_error, unit)}. ${help}`;
   }
-  const can = `The target can be reached in ${reach.minimum_steps} of the ${steps}`;
+  const can = `The target can be reached in ${reach.minimum_steps} of the ${length} steps (${seconds(reach.minimum_steps)} of ${seconds(length)} s)`;
   if (plan.robustness) {
     const { mean_error: mean, worst_error: worst, num_systems: count } = plan.robustness;
     return `${can} if the plant is as it is said to be. On ${count} plants that it may be this plan ends ${distance(mean, unit)} off on average, ${distance(worst, unit)} at worst: only a closed loop gets nearer.`;

@@ -11,7 +11,7 @@ export function svg(tag, attributes, ...children) {
 
 /** Marks with their numbers below a track on height y; x() says where a position is. */
 export function marks([low, high], width, x, y, write) {
-  const values = roundValues(low, high, width / 90);
+  const values = roundValues(low, high, width / 64);
   return [
     ...values.map((value) => svg("path", { d: `M${x(value)} ${y}v6` })),
     ...values.map((value) => svg("text", { x: x(value), y: y + 20 }, write(value))),

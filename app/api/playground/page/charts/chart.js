@@ -1,16 +1,23 @@
 // A chart by uPlot: its axes, scales, lines and cursor; what lies under the lines is drawn in layers.
 
 import uPlot from "../vendor/uplot/uPlot.esm.js";
-import { h } from "../dom.js";
+import { h, tenTo } from "../dom.js";
 import { colour, themes } from "./colours.js";
 
 const charts = new Set();
 
 themes.addEventListener("change", () => { for (const chart of charts) if (chart.isShown) chart.build(); });
 
-/** Range of values with some air; never empty. */
+const LEAST = 1e-9;
+
+/** Range of values with some air. Around one value alone it is as wide as that is large, or 1: nobody reads an axis of noise. */
 export function around(low, high, air = 0.06) {
-  const width = Math.max(high - low, 1e-9, 1e-6 * Math.max(Math.abs(low), Math.abs(high)));
+  const width = high - low;
+  const size = Math.max(Math.abs(low), Math.abs(high));
+  if (width < Math.max(LEAST, 1e-6 * size)) {
+    const half = (size < LEAST ? 1 : size) / 2;
+    return [low - half, high + half];
+  }
   return [low - air * width, high + air * width];
 }
 
@@ -97,7 +104,7 @@ export class Chart {
     const { x, y, lines, seek } = this.options;
     const axis = ({ label, log }, isX) => ({
       stroke: colour("faint-text"), label, labelSize: 18, labelFont: "12px system-ui", font: "12px system-ui",
-      size: isX ? 24 : 52, gap: 4, labelGap: isX ? -2 : 2,
+      size: isX ? 24 : 52, gap: 4, space: isX ? 50 : spaceBetween, labelGap: isX ? -2 : 2,
       grid: { stroke: colour("grid"), width: 1, ...(log && { filter: powersOnly }) },
       ticks: { stroke: colour("grid"), width: 1, size: 4, ...(log && { filter: powersOnly }) },
       values: log ? (u, values) => values.map((value) => (value === null ? "" : powers(value))) : (u, values) => values.map((value) => String(Number(value.toPrecision(6))).replace("-", "−")),
@@ -115,7 +122,7 @@ export class Chart {
       width, height,
       legend: { show: false },
       cursor: { drag: { x: false, y: false }, points: { show: false }, x: false, y: false },
-      padding: [8, 8, 0, 0],
+      padding: [8, 14, 0, 0],
       scales: {
         x: { time: false, distr: x.log ? 3 : 1, range: () => this.content.x },
         y: { distr: y.log ? 3 : 1, range: () => this.content.y },
@@ -141,10 +148,12 @@ export class Chart {
   }
 }
 
+/** Between numbers beside a chart of a height, pixels: a low one has some, too. */
+const spaceBetween = (u, index, low, high, height) => Math.max(18, Math.min(30, height / 4));
 const isPower = (value) => Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-6;
 const powersOnly = (u, splits) => splits.map((value) => (value !== null && isPower(value) ? value : null));
 const powers = (value) => {
   if (!isPower(value)) return "";
   const power = Math.round(Math.log10(value));
-  return power >= -2 && power <= 3 ? String(10 ** power) : `1e${power}`;
+  return power >= -2 && power <= 3 ? String(10 ** power) : tenTo(power);
 };

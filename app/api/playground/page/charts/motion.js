@@ -1,10 +1,10 @@
 // A plan over time: position, velocity and control, one under the other.
 
 import { limits, thresholds } from "../controls.js";
-import { h } from "../dom.js";
 import { around, Chart, extent } from "./chart.js";
 import { colour } from "./colours.js";
 import { band, bundle, fan, rug, rule } from "./layers.js";
+import { legend } from "./legend.js";
 
 const POSITION_TOLERANCE = 0.01;
 /** m: nearer to the target, waiting counts for nothing (as in the service's stuck steps). */
@@ -31,7 +31,7 @@ export class Motion {
       velocity: one("Velocity", `${unit}/s`),
       control: one("Control", controlUnit, { stepped: true }, { label: "time, s" }),
     };
-    this.elements = [...Object.values(this.charts).map((chart) => chart.element), legend()];
+    this.elements = [...Object.values(this.charts).map((chart) => chart.element), legend(KEYS)];
   }
 
   /**
@@ -83,9 +83,9 @@ export class Motion {
   }
 }
 
-const legend = () => h("ul", { class: "legend" },
-  [["band", "too weak a push to start the mass"], ["limit", "control limits"], ["stuck", "stuck steps"], ["target", "target"]]
-    .map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));
+const KEYS = [
+  ["band", "too weak a push to start the mass"], ["limit", "control limits"], ["stuck", "stuck steps"], ["target", "target"],
+];
 
 /** A target over the steps for which it is one. */
 const aim = ({ from, to }, value, step) => (ctx, u, ratio) => {

@@ -17,7 +17,7 @@ const PARAMETERS = [
     band: ({ system, coulomb_std: std }) => spread(forwardOf(system.coulomb_friction), std * forwardOf(system.coulomb_friction)),
   },
   {
-    name: "control gain", unit: (force, control) => (control === force ? "" : `${force} a ${control}`), true: (plant) => plant.control_gain,
+    name: "control gain", unit: (force, control) => (control === force ? "" : `${force} per ${control}`), true: (plant) => plant.control_gain,
     band: ({ system, gain_std: std }) => spread(system.control_gain, std * system.control_gain),
   },
   {
@@ -31,7 +31,7 @@ const spread = (value, std) => [value - SIGMAS * std, value + SIGMAS * std];
 export class Estimates {
   constructor(force, control) {
     this.charts = PARAMETERS.map(({ name, unit }) => new Chart({
-      label: name[0].toUpperCase() + name.slice(1), height: "small", x: { label: "" }, y: { label: unit(force, control) },
+      label: name[0].toUpperCase() + name.slice(1), height: "small", x: {}, y: { label: unit(force, control) },
       lines: [{ label: "true", colour: "target", dash: [6, 4] }, { label: "estimate", colour: "best" }],
     }));
     this.element = this.charts.map(({ element }) => element);

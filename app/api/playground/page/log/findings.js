@@ -4,6 +4,7 @@ import { set } from "../address.js";
 import { around, Chart, extent } from "../charts/chart.js";
 import { colour } from "../charts/colours.js";
 import { area, rule, strands } from "../charts/layers.js";
+import { legend } from "../charts/legend.js";
 import { easyTarget } from "../controls.js";
 import { distance, h, short, words } from "../dom.js";
 import { reserve, table } from "../measures.js";
@@ -38,7 +39,7 @@ export class Findings {
     const { fit } = answer;
     const late = answer.delay_steps ? ` Its controls act ${answer.delay_steps} ${answer.delay_steps === 1 ? "step" : "steps"} late.` : "";
     const untold = answer.parameters.some((one) => !one.identifiable) ? " The log does not tell all of it: the table says what, and why." : "";
-    this.words.textContent = `From where the machine is, this plant predicts where it is ${short(fit.window_s, 2)} s later to ${distance(fit.end_error_rms, this.unit)} (r.m.s.), ${short(100 * fit.r2, 4)} % of what it moves.${late}${untold}`;
+    this.words.textContent = `This plant predicts the position ${short(fit.window_s, 2)} s ahead to ${distance(fit.end_error_rms, this.unit)} (r.m.s.), which explains ${explained(fit.r2)} % of the motion.${late}${untold}`;
     this.notes.replaceChildren(...[
       ["Assumed", notes], ["Warnings", answer.warnings], ["Record next", answer.advice.map(plain)],
     ].filter(([, items]) => items.length).map(([what, items]) => list(what, items)));
@@ -113,8 +114,9 @@ export class Findings {
   }
 }
 
+/** Per cent, rounded down: no fit explains all. */
+const explained = (r2) => (Math.floor(1e4 * r2) / 100).toFixed(2).replace("-", "−");
 const list = (title, items) => h("div", {}, h("h2", {}, title), h("ul", {}, items.map((item) => h("li", {}, item))));
-const legend = (entries) => h("ul", { class: "legend" }, entries.map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));
 const plain = (text) => text.replaceAll("`", "");
 
 /** Return the fastest that positions change, over some samples at a time. */

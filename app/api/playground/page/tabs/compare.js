@@ -3,6 +3,7 @@
 import { get, numbers, set } from "../address.js";
 import { ask } from "../api.js";
 import { around, Chart, extent } from "../charts/chart.js";
+import { legend } from "../charts/legend.js";
 import { timesOf } from "../charts/motion.js";
 import { rule } from "../charts/layers.js";
 import { candidates, rest, section } from "../controls.js";
@@ -43,8 +44,9 @@ export function open(view) {
   const results = reserve(entrants().length);
   const lines = offer.methods.flatMap(() => [0, 1]).map((_, index) => ({ label: "", colour: `series-${1 + (index % 6)}`, dash: index >= 6 ? [6, 3] : undefined, stepped: true }));
   const position = new Chart({ label: "Position of each plan", height: "high", x: { label: "time, s" }, y: { label: unit }, lines: lines.map((line) => ({ ...line, stepped: false })) });
-  const errors = new Chart({ label: "How the candidates end: their number, by error", height: "high", x: { label: `error, ${unit}`, log: true }, y: { label: "candidates" }, lines });
-  view.replaceChildren(results, h("div", { class: "split even" }, errors.element, position.element));
+  const errors = new Chart({ label: "Candidates by their error", height: "high", x: { label: `error, ${unit}`, log: true }, y: { label: "candidates" }, lines });
+  const words = h("p", { class: "verdict" }, " ");
+  view.replaceChildren(words, results, h("div", { class: "split even" }, errors.element, position.element), legend([["target", "target; among the errors, the floor"]]));
 
   return async (signal) => {
     const found = [];
@@ -71,6 +73,7 @@ export function open(view) {
         distance(plan.gap, unit), short(plan.control_energy), String(plan.stuck_steps), `${short(plan.timing_ms.total)} ms`, String(plan.cost.rollouts),
       ])));
     if (!found.length) return;
+    words.textContent = verdict(found);
     const [{ plan: first }] = found;
     const padded = (rows) => [...rows, ...lines.slice(rows.length).map(() => rows[0].map(() => null))];
     const times = timesOf(first.states.length, first.system.time_step);
@@ -84,6 +87,19 @@ export function open(view) {
       summary: found.map(({ name: one, plan }) => `${one}: median ${distance(median(plan.candidate_errors), unit)}`).join("; "),
     });
   }
+}
+
+/** Say which of them to take. */
+function verdict(found) {
+  const { position_unit: unit } = machine();
+  const { floor } = found[0].plan.reachability;
+  const exact = found.filter(({ plan }) => plan.gap < 1e-5).sort((a, b) => a.plan.timing_ms.total - b.plan.timing_ms.total)[0];
+  const nearest = found.toSorted((a, b) => a.plan.gap - b.plan.gap)[0];
+  return [
+    floor < 1e-5 ? "" : `The target cannot be reached: no method ends nearer than ${distance(floor, unit)} (the floor).`,
+    exact ? `The quickest without a gap: ${exact.name}, in ${short(exact.plan.timing_ms.total)} ms.` : `All have a gap; the least has ${nearest.name}: ${distance(nearest.plan.gap, unit)}.`,
+    "As is, a method gives the best of its candidates; refined, it descends from there. cem, icem and mppi need more candidates than the others.",
+  ].join(" ").trim();
 }
 
 const edges = () => Array.from({ length: (BINS.last - BINS.first) * BINS.each + 1 }, (_, index) => 10 ** (BINS.first + index / BINS.each));

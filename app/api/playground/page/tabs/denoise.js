@@ -4,6 +4,7 @@ import { get, numbers, set } from "../address.js";
 import { ask } from "../api.js";
 import { around, Chart, extent } from "../charts/chart.js";
 import { band, bundle, rule } from "../charts/layers.js";
+import { legend } from "../charts/legend.js";
 import { timesOf } from "../charts/motion.js";
 import { candidates, limits, rest, section, thresholds } from "../controls.js";
 import { distance, h } from "../dom.js";
@@ -16,6 +17,8 @@ export const title = "Denoise";
 export const parts = ["task", sampler, "machine"];
 
 const FRAME_MS = 250;
+const KEYS = [["candidate", "candidates, the better the bluer"], ["band", "too weak a push to start the mass"], ["limit", "control limits"], ["target", "target"]];
+const ERROR_KEYS = [["best", "the best candidate"], ["median", "the median"]];
 
 function sampler() {
   return section("Sampler",
@@ -31,7 +34,7 @@ export function open(view) {
   const controls = new Chart({ label: "Controls of all candidates", height: "high", x, y: { label: controlUnit } });
   const positions = new Chart({ label: "Where they would lead", height: "high", x, y: { label: unit } });
   const errors = new Chart({
-    label: "Error at each step: the best candidate, and the median", height: "low",
+    label: "Error at each step", height: "low",
     x: { label: "denoising step" }, y: { label: unit, log: true },
     lines: [{ label: "best", colour: "best" }, { label: "median", colour: "series-2", dash: [6, 3] }],
     seek: (step) => choose(Math.round(step)),
@@ -42,7 +45,8 @@ export function open(view) {
   view.replaceChildren(
     h("p", { class: "verdict" }, "Every candidate begins as noise. Each step the network says what of it is noise, and some of that is taken away; what is left leads nearer to the target."),
     h("div", { class: "transport" }, play, slider), text,
-    h("div", { class: "split even" }, controls.element, positions.element), errors.element);
+    h("div", { class: "split even" }, controls.element, positions.element), legend(KEYS),
+    errors.element, legend(ERROR_KEYS));
   let plan = null;
   let timer = null;
 

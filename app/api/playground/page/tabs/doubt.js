@@ -4,6 +4,7 @@ import { get, numbers } from "../address.js";
 import { ask } from "../api.js";
 import { around, Chart, extent } from "../charts/chart.js";
 import { rule } from "../charts/layers.js";
+import { legend } from "../charts/legend.js";
 import { Motion } from "../charts/motion.js";
 import { candidates, methodChoice, rest, section } from "../controls.js";
 import { distance, h } from "../dom.js";
@@ -40,14 +41,14 @@ export function open(view) {
   const results = reserve(7);
   const motions = ["nominal", "robust"].map((kind) => {
     const motion = new Motion({ unit, controlUnit, colour: kind === "nominal" ? "series-2" : "best" });
-    return { kind, motion, element: h("div", { class: "column" }, h("h2", {}, kind === "nominal" ? "Planned for the plant as it is said to be" : "Planned for all plants that it may be"), motion.elements) };
+    return { kind, motion, element: h("div", { class: "column" }, h("h2", {}, kind === "nominal" ? "Nominal: planned for the plant as it is said to be" : "Robust: planned for all plants that it may be"), motion.elements) };
   });
   const shares = new Chart({
-    label: "Share of the plants on which a plan ends at least so near", height: "low",
+    label: "Share of the plants on which a plan ends within an error", height: "low",
     x: { label: `error, ${unit}` }, y: { label: "share" },
     lines: [{ label: "nominal", colour: "series-2", stepped: true }, { label: "robust", colour: "best", stepped: true }],
   });
-  view.replaceChildren(words, results, shares.element, h("div", { class: "split even" }, motions.map(({ element }) => element)));
+  view.replaceChildren(words, results, shares.element, legend([["rival", "nominal"], ["best", "robust"], ["target", "the bound (r.m.s.)"]]), h("div", { class: "split even" }, motions.map(({ element }) => element)));
 
   return async (signal) => {
     const plans = [];
@@ -76,7 +77,8 @@ export function open(view) {
       row("r.m.s.", length((one) => one.rms_error)),
     ]));
     const bound = robust.first_order_bound;
-    const boundWords = bound ? ` No fixed sequence of controls can do better than about ${distance(bound, unit)} r.m.s. (the bound): only feedback can.` : "";
+    const { reachable, floor } = plans[0].reachability;
+    const boundWords = !reachable ? ` Even on the plant as it is said to be no plan ends nearer than ${distance(floor, unit)} (the floor).` : bound ? ` No fixed sequence of controls can do better than about ${distance(bound, unit)} r.m.s. (the bound): only feedback can.` : "";
     const how = robust.mean_error < 0.9 * nominal.mean_error - 1e-6 ? " Moving both ways, over and back, lets errors cancel." : "";
     words.textContent = `With that doubt the nominal plan ends ${distance(nominal.mean_error, unit)} off on average, the robust one ${distance(robust.mean_error, unit)}.${how}${boundWords}`;
     const sorted = [nominal, robust].map((one) => [...one.errors].sort((a, b) => a - b));

@@ -57,7 +57,7 @@ function columnsPart() {
   const optional = ["time", "velocity"];
   const own = (role) => {
     const heading = columns.find((one) => isNamed(role, one));
-    return heading ? `by its name: ${heading}` : optional.includes(role) ? "by its name: none" : "by its name";
+    return heading ? `${heading} (by name)` : optional.includes(role) ? "none (by name)" : "by name";
   };
   return section("Columns", Object.keys(ROLES).map((role) => h("div", { class: "column-row" },
     choiceField({
@@ -81,6 +81,7 @@ function knownPart() {
 export function open(view) {
   const invitation = h("div", { class: "invitation" },
     h("p", { class: "verdict" }, "Record your machine's control and position while it moves, at even times: from rest slowly up to where it breaks away, then at several speeds, both ways. From that follows its friction, its gain, how sure they are, and what to record next."),
+    h("p", {}, "The first row names the columns, with their units, as in ", h("code", {}, "time_s,voltage_V,position_mm"), "; any other names are chosen in the form."),
     h("p", {}, "Drop the file here, choose it in the form, or see what comes of a sample: ", trySample("See a sample")));
   view.replaceChildren(invitation);
   invitation.ondragover = (event) => event.preventDefault();

@@ -4,6 +4,7 @@ import { get, set } from "../address.js";
 import { around, Chart, extent } from "../charts/chart.js";
 import { colour } from "../charts/colours.js";
 import { band, rule } from "../charts/layers.js";
+import { legend } from "../charts/legend.js";
 import { easyTarget, limits, machinePart, section, thresholds } from "../controls.js";
 import { distance, h, short } from "../dom.js";
 import { choiceField, numberField } from "../fields.js";
@@ -33,7 +34,7 @@ const FRAME_MS = 30;
 /** Between drawings of the masses: without a graphics card a frame of the screen takes a core for long. */
 const LEAST_NOISE = 1e-4;
 /** m: what the service takes for a sensor that says nothing of itself. */
-const STATES = { moving: "moving", holding: "at rest, short of it", arrived: "arrived", unreachable: "cannot get there" };
+const STATES = { moving: "moving", holding: "at rest, off the target", arrived: "arrived", unreachable: "cannot get there" };
 
 function task() {
   const { position_unit: unit } = machine();
@@ -66,13 +67,13 @@ export function open(view) {
   const control = new Chart({ label: "Control", height: "low", x: { label: "time, s" }, y: { label: controlUnit }, lines: lines.map((line) => ({ ...line, stepped: true })) });
   const estimates = new Estimates(force, controlUnit);
   view.replaceChildren(
-    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers, which believe the same wrong model, measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold a button: both get the same push, untold, and take a long one for a change of the machine. Change the machine while it runs, and see what the controller learns."),
+    h("p", { class: "verdict" }, "No plan made beforehand arrives on a machine that differs from its model. Here two controllers believe the same wrong model, and measure and decide anew in every step, each for a machine of its own. Pull a mass, or hold Push: both machines get the same push, of which no controller is told; a long one it takes for a change of the machine. Change the machine while it runs, and see what the controller learns."),
     h("div", { class: "trackbox" }, tracks.picture, h("div", { class: "pushes" }, halt, tracks.buttons(),
       h("button", { type: "button", onclick: () => set({ goal: -Number(get("goal")) }) }, "To the other side"), counts)),
     results,
-    h("div", { class: "split even" }, position.element, control.element), legend(lanes),
+    h("div", { class: "split even" }, position.element, control.element), legend(keys(lanes)),
     h("h2", {}, "What the controller has learned of its machine"),
-    h("div", { class: "smalls" }, estimates.element), bandLegend());
+    h("div", { class: "smalls" }, estimates.element), legend(BAND_KEYS));
 
   let history = [];
   let span = null;
@@ -177,7 +178,7 @@ export function open(view) {
     place();
     move(1);
     counts.textContent = `${steps} steps, ${late} late`;
-    results.replaceChildren(table("How they do", ["Controller", "State", "Error", "Its observer off by", "Energy", "There and back"], lanes.map((lane, index) => [
+    results.replaceChildren(table("How they do", ["Controller", "State", "Error", "Its observer off by", "Energy", "Round trip"], lanes.map((lane, index) => [
       swatch(index + 1, lane.title), STATES[lane.answer?.status] ?? "–", distance(Math.abs(lane.machine.state[0] - number("goal")), unit),
       lane.answer ? distance(lane.observerError, unit) : "–", short(lane.energy), lane.roundTripMs === null ? "–" : `${lane.roundTripMs.toFixed(1)} ms`,
     ])));
@@ -239,10 +240,10 @@ const pushes = (history, step) => (ctx, u) => {
   }
 };
 
-const legend = (lanes) => h("ul", { class: "legend" },
-  [["best", "the controller"], ["rival", lanes[1].title], ["target", "target"], ["pushed", "a push"], ["band", "too weak to start the mass"], ["limit", "control limits"]]
-    .map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));
+const keys = (lanes) => [
+  ["best", "the controller"], ["rival", lanes[1].title], ["target", "target"], ["pushed", "a push"], ["band", "too weak to start the mass"], ["limit", "control limits"],
+];
 
-const bandLegend = () => h("ul", { class: "legend" },
-  [["best", "estimate"], ["set", "what it may be: 95 %, of static friction all"], ["target", "the machine's own"]]
-    .map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));
+const BAND_KEYS = [
+  ["best", "estimate"], ["set", "95 % interval (static friction: all that it may be)"], ["target", "the machine itself"],
+];

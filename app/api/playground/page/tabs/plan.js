@@ -5,6 +5,7 @@ import { ask } from "../api.js";
 import { extent, around } from "../charts/chart.js";
 import { PhasePlane } from "../charts/phase.js";
 import { Motion } from "../charts/motion.js";
+import { legend } from "../charts/legend.js";
 import { inWords } from "../controls.js";
 import { h } from "../dom.js";
 import { measures, ofPlan, verdict } from "../measures.js";
@@ -29,8 +30,8 @@ export function open(view) {
   view.replaceChildren(
     words, numbersPlace, track.element,
     h("div", { class: "split" },
-      h("div", { class: "column" }, plane.element, legend(), notes(friction)),
-      h("div", { class: "column" }, motion.elements)),
+      h("div", { class: "column" }, plane.element, legend(KEYS), notes(basics(friction))),
+      h("div", { class: "column" }, motion.elements, notes(FURTHER))),
   );
   numbersPlace.replaceChildren(measures([["Error", "–"], ["Floor", "–"], ["Gap", "–"], ["Energy", "–"], ["Stuck steps", "–"], ["Rollouts", "–"], ["Time", "–"]]));
 
@@ -55,15 +56,18 @@ export function open(view) {
 }
 
 /** What somebody who sees it for the first time wants to know. */
-const notes = (friction) => h("dl", { class: "notes" }, [
+const basics = (friction) => [
   ["What is this?", "A mass that dry friction holds is to get from start to target. The plan is the whole sequence of controls, made beforehand. Drag start and target in the plane above, press Play."],
   ["Why does a small push do nothing?", friction],
-  ["What is the floor?", "The least error that any controls can end with, in so many steps, by the physics alone. Inside the blue area it is 0; outside, no method arrives."],
-  ["Which method?", "To arrive exactly: dataset prior, with Refine ticked. For near and smooth plans without refinement: action diffusion. Compare shows them side by side."],
-  ["Can my machine do this move?", "Choose it as preset or set its numbers: the first sentence of this page says whether the target can be reached, and in how few steps. Your machine finds the numbers from a log."],
-  ["And if its friction is not quite known?", "Then no plan made beforehand arrives: Doubt shows by how much it misses, and Closed loop what measuring on the way does about it."],
-].map(([question, answer]) => h("div", {}, h("dt", {}, question), h("dd", {}, answer))));
+  ["What is the floor?", "The error is how far from the target a plan ends, velocity counted with position. The floor is the least error that any controls can end with in so many steps, by the physics alone: 0 within the blue area; outside, no method arrives. The gap between the two is the method's fault."],
+  ["Which method?", "To arrive exactly: dataset prior, with Refine ticked. For smooth plans that end near without refinement: action diffusion. Compare shows them side by side."],
+];
 
-const legend = () => h("ul", { class: "legend" },
-  [["best", "the plan"], ["candidate", "candidates, the better the bluer"], ["set", "what can be reached"], ["rest", "where it can be at rest"]]
-    .map(([kind, text]) => h("li", {}, h("span", { class: `key ${kind}` }), text)));
+const FURTHER = [
+  ["Can my machine do this move?", "Choose it as preset or set its numbers: the sentence at the top says whether the target can be reached, and in how few steps. Your machine finds the numbers from a log."],
+  ["And if its friction is not quite known?", "Then no plan made beforehand arrives: Doubt shows by how much it misses, and Closed loop what measuring on the way does about it."],
+];
+
+const notes = (questions) => h("dl", { class: "notes" }, questions.map(([question, answer]) => h("div", {}, h("dt", {}, question), h("dd", {}, answer))));
+
+const KEYS = [["best", "the plan"], ["candidate", "candidates, the better the bluer"], ["set", "what can be reached"], ["rest", "where it can be at rest"]];

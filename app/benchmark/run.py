@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from app.benchmark.batches import batches
+from app.benchmark.capacity import capacity
 from app.benchmark.concurrency import concurrency
 from app.benchmark.control import control
 from app.benchmark.network import network
@@ -56,6 +57,8 @@ def run(store: Path, num_threads: int) -> Iterator[str]:
     yield "\n## The service\n"
     yield from service(chosen)
     yield from requests()
+    yield "\n## Plans a core\n"
+    yield from capacity()
     yield "\n## Many requests at once\n"
     yield from concurrency()
     yield "\n## Many problems in one request\n"

@@ -8,6 +8,7 @@ from markdown_it import MarkdownIt
 
 from app.benchmark import (
     batches,
+    capacity,
     concurrency,
     control,
     network,
@@ -26,7 +27,8 @@ SIZES: dict[ModuleType, dict[str, object]] = {
     planning: {"PAIRS": 1, "TASKS": 20, "RUNS": 1},
     quick_plans: {"SEQUENCES": 1},
     service: {"PAIRS": 1, "CALLS": 1},
-    requests: {"ROUNDS": 1, "CALLS": 1, "REQUESTS_EACH": 1},
+    requests: {"ROUNDS": 1, "CALLS": 1, "REQUESTS_EACH": 1, "CONNECTIONS": 2},
+    capacity: {"ROUNDS": 1, "REQUESTS": 2, "CONNECTIONS": 2},
     batches: {"SINGLE": 2, "MANY": 4, "PAIRS": 1, "CLIENTS": 2},
     concurrency: {"SMALL_REQUESTS": 1, "CLIENTS": 2, "REQUESTS_EACH": 1},
     control: {"STEPS": 10, "SESSIONS": 2, "SECONDS": 0.1},
@@ -53,12 +55,13 @@ def test_the_page_has_a_section_for_each_benchmark_with_lists_and_tables() -> No
         "Sampling, beside the paper's sampler in eager PyTorch",
         "Planning",
         "The service",
+        "Plans a core",
         "Many requests at once",
         "Many problems in one request",
         "Closed loop",
     ]
     kinds = [token.type for token in tokens]
-    assert kinds.count("table_open") == 2
-    assert kinds.count("bullet_list_open") == 5
+    assert kinds.count("table_open") == 3
+    assert kinds.count("bullet_list_open") == 6
     # Nothing stands in a paragraph of its own but the line that says what was measured.
     assert len([t for t in tokens if t.type == "paragraph_open" and t.level == 0]) == 1

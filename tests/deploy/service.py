@@ -11,11 +11,7 @@ from pathlib import Path
 
 import click
 
-os.environ |= {
-    "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_AUTH_MODE": "disabled",
-    "BREAKAWAY_LOG_LEVEL": "warning",
-}
+os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled"}
 
 import ray
 from ray import serve
@@ -38,7 +34,7 @@ KILLED = "killed a replica"
 @click.option("--kill-every", type=float, help="Seconds between two replicas' deaths.")
 def run(port: int, model_store: Path, replicas: int, kill_every: float | None) -> None:
     """Serve until told to end."""
-    os.environ["BREAKAWAY_MODEL_STORE"] = str(model_store)
+    os.environ |= {"BREAKAWAY_MODEL_STORE": str(model_store), "BREAKAWAY_LOG_LEVEL": "warning"}
     ending = threading.Event()
     for name in (signal.SIGTERM, signal.SIGINT):
         signal.signal(name, lambda *_: ending.set())

@@ -71,4 +71,4 @@ class Visit:
         self.page.close()
         told = REFUSED if refusals else ()
         loud = [text for text in self.complaints if not any(words in text for words in told)]
-        assert loud == []
+        assert loud == [], loud

@@ -58,6 +58,10 @@ export class Session {
 
   close(reason) {
     this.reason = reason;
-    this.connection.close();
+    if (this.connection.readyState === WebSocket.CONNECTING) {
+      // Browsers complain of a connection that is closed before it is there.
+      this.connection.onopen = () => this.connection.close();
+      this.connection.onclose();
+    } else this.connection.close();
   }
 }

@@ -5,7 +5,7 @@ PyTorch is loaded with the first model, and not before: a compiled method plans 
 
 import logging
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic
 
@@ -48,7 +48,7 @@ class ModelStore(Generic[M_co]):
         self.models = sorted(models, key=_name_and_age)
         self._skipped = skipped
         # Many requests are for few plants, and to look at all ranges of all models takes time.
-        self._that_cover = lru_cache(maxsize=1024)(self._compare)
+        self._that_cover = lru_cache(maxsize=1024)(partial(_covering, self.models))
 
     @staticmethod
     def load(
@@ -127,12 +127,14 @@ class ModelStore(Generic[M_co]):
             f"there are: {there_are or 'none'}"
         )
 
-    def _compare(self, system: System, horizon: int) -> list[M_co]:
-        return [model for model in self.models if model.covers(system, horizon)]
-
     def _labels(self) -> str:
         labels = ", ".join(model.label for model in self.models) or "none"
         return f"{labels}; skipped: {', '.join(self._skipped)}" if self._skipped else labels
+
+
+def _covering(models: Sequence[M_co], system: System, horizon: int) -> list[M_co]:
+    # No method of a store: its cache would keep the store, and with it models that were replaced.
+    return [model for model in models if model.covers(system, horizon)]
 
 
 def _name_and_age(model: ModelCard) -> tuple[str, int]:

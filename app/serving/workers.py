@@ -156,8 +156,9 @@ class Workers:
         running = loop.run_in_executor(self._threads, copy_context().run, run)
         try:
             return await asyncio.shield(running)
-        finally:  # whoever is cancelled waits all the same: a thread cannot be
+        except asyncio.CancelledError:  # a thread cannot be: its end is waited for
             await asyncio.wait([running])
+            raise
 
     def close(self) -> None:
         """End the threads, when no plan is under way any more."""

@@ -73,9 +73,8 @@ class SessionClients:
         self.examples: list[str] = []
         self.longest_wait = 0.0
         """Of a control, s."""
-        for (
-            target
-        ) in TARGETS:  # now: whoever sends requests meanwhile would send a second's at once
+        # Now: whoever loads kernels amid a run sends all that is due meanwhile at once.
+        for target in TARGETS:
             controls_to(target)
 
     async def go_on_until(self, end: float) -> None:

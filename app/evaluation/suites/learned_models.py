@@ -11,19 +11,28 @@ from matplotlib.axes import Axes
 from app.evaluation import grid, plots
 from app.evaluation.answer_log import Answer
 from app.evaluation.case import Case, cases_of, taking_part
-from app.evaluation.entrants import ANY_MODEL, DATASET_PRIOR, PAPER_MODEL
+from app.evaluation.contests import (
+    ERROR,
+    MACHINES,
+    NUM_CANDIDATES,
+    PLANT,
+    SEARCH,
+    SEARCHES,
+    Contest,
+)
+from app.evaluation.entrants import ANY_MODEL, PAPER_MODEL
 from app.evaluation.question import Entrant, Question
 from app.evaluation.statistics import percent
-from app.evaluation.suite import Claim, Parts, Picture, Row, Size, Suite, Table
-from app.evaluation.suites.robust import GAIN_SHARE, shares_of
-from app.evaluation.tasks import DrawTasks, random_machine_tasks, reachable_tasks, scale_of
-from app.figures.style import BLACK, BLUE, GREEN, ORANGE, PINK, RED, SKY, Look, new_figure
+from app.evaluation.suite import Parts, Picture, Row, Size, Suite, Table
+from app.evaluation.suites.robust import GAIN_SHARE, LONG_HORIZON, shares_of
+from app.evaluation.tasks import random_machine_tasks, reachable_tasks, scale_of
+from app.figures.style import BLUE, GREEN, ORANGE, PINK, RED, SKY, Look, new_figure
 from app.planning.plant.system import System
 from app.planning.uncertainty.ensemble import Ensemble
 from app.planning.uncertainty.uncertainty import FEW_MOTIONS
 from app.wire.requests import PlanRequest
 
-ROBUST_MODEL = "any-machine-robust"
+ROBUST_MODEL, LONG_ROBUST_MODEL = "any-machine-robust", "any-machine-robust-h128"
 
 
 def _model(label: str, name: str, look: Look) -> Entrant:
@@ -33,23 +42,26 @@ def _model(label: str, name: str, look: Look) -> Entrant:
 PAPER = _model("Diffusion, the paper's model", PAPER_MODEL, Look(BLUE, "o", "-"))
 ANY = _model("Diffusion, every machine", ANY_MODEL, Look(SKY, "s", "-"))
 ROBUST = _model("Diffusion, every machine, robust", ROBUST_MODEL, Look(GREEN, "D", "-"))
+LONG_ROBUST = _model(
+    f"Diffusion, every machine, robust, {LONG_HORIZON} steps",
+    LONG_ROBUST_MODEL,
+    Look(GREEN, "D", "--"),
+)
 DIFFUSION = _model("Diffusion, small budget", "learned-diffusion", Look(ORANGE, "^", "--"))
 FLOW = _model("Flow matching, small budget", "learned-flow", Look(RED, "v", "--"))
 REGRESSION = _model("Regression, small budget", "learned-regression", Look(PINK, "x", "--"))
-SEARCH = Entrant("Plain search", DATASET_PRIOR.fields, Look(BLACK, "*", "-"))
-"""From motions that are drawn: what the network has to beat in the same time."""
 MODELS = (PAPER, ANY, ROBUST, DIFFUSION, FLOW, REGRESSION)
 
 OFF_BY = (0.0, 0.1, 0.2)
 """By how much friction may be off; where it may, so may the gain (`GAIN_SHARE`)."""
-SEARCHES = (64, 128, 256, 512, 1024)
-"""Motions of plain searches, among which the one that takes as long is read off."""
-K_OF_SEARCHES = 16
 NUM_PLANTS = 20
 """That each plan is carried out on."""
-ERROR = "executed_error"
-PLANT, MACHINES = "plant", "machines"
-"""What the tasks are on: the paper's plant, or each on a random machine."""
+CONTESTS = (
+    Contest(ROBUST, PLANT, 0.1),
+    Contest(ROBUST, PLANT, 0.2),
+    Contest(LONG_ROBUST, PLANT, 0.1, LONG_HORIZON),
+    Contest(ROBUST, MACHINES, 0.1),
+)
 
 
 class LearnedModels(Suite):
@@ -63,38 +75,44 @@ class LearnedModels(Suite):
     trajectories = True
 
     def questions(self) -> Iterator[Question]:
-        for off_by, k, refined in product(OFF_BY, self.size.budgets, (False, True)):
-            for entrant in self.size.entrants:
-                yield from self._questions(entrant, k, off_by, refined, FEW_MOTIONS)
-        for off_by, motions in product(OFF_BY[1:], SEARCHES):
-            yield from self._questions(SEARCH, K_OF_SEARCHES, off_by, True, motions)
-        for entrant, motions in ((ROBUST, FEW_MOTIONS), *((SEARCH, each) for each in SEARCHES)):
-            yield from self._questions(
-                entrant, K_OF_SEARCHES, OFF_BY[1], True, motions, random_machine_tasks
-            )
+        known = product(OFF_BY, self.size.budgets, (False, True), self.size.entrants)
+        for off_by, k, refined, entrant in known:
+            yield from self._questions(entrant, k, off_by, refined=refined)
+        for contest in CONTESTS:
+            for entrant, motions in contest.asked:
+                yield from self._questions(
+                    entrant.asking(horizon=contest.horizon),
+                    NUM_CANDIDATES,
+                    contest.off_by,
+                    motions=motions,
+                    on=contest.on,
+                    contest=str(contest),
+                )
 
     def _questions(
         self,
         entrant: Entrant,
         k: int,
         off_by: float,
-        refined: bool,
-        motions: int,
-        draw_tasks: DrawTasks | None = None,
+        *,
+        refined: bool = True,
+        motions: int = FEW_MOTIONS,
+        on: str = PLANT,
+        contest: str = "",
     ) -> Iterator[Question]:
         fields: dict[str, Any] = {"refine": refined, "reachability": False}
-        uncertainty = {"relative": shares_of(off_by), "num_motions": motions}
         if off_by:
-            fields["uncertainty"] = uncertainty
+            fields["uncertainty"] = {"relative": shares_of(off_by), "num_motions": motions}
         yield from self.ask(
             entrant.asking(**fields),
             k,
-            draw_tasks,
+            random_machine_tasks if on == MACHINES else None,
             if_covered=entrant != SEARCH,
             off_by=off_by,
             refined=refined,
             motions=motions if off_by and refined else 0,
-            on=MACHINES if draw_tasks else PLANT,
+            on=on,
+            contest=contest,
         )
 
     def rows(self, question: Question, answer: Answer) -> Iterable[Row]:
@@ -133,13 +151,15 @@ class LearnedModels(Suite):
             f"carried out on {NUM_PLANTS} plants drawn apart. Models that know no uncertainty "
             "propose for the nominal plant."
         )
-        on_plant = data[data.on == PLANT]
+        models_alone = data[data.contest == ""]
         for off_by in OFF_BY:
-            chosen = on_plant[on_plant.off_by == off_by]
+            chosen = models_alone[models_alone.off_by == off_by]
             models = taking_part(chosen, self.size.entrants)
             yield _table_of_models(chosen, models, self.size.budgets, off_by)
-        yield from _searches(data, self.size.budgets)
-        yield _picture(on_plant[on_plant.off_by == OFF_BY[1]], self.size)
+        for number, contest in enumerate(CONTESTS):
+            yield from contest.report(data, f"search-{number}")
+        shown = data.contest.isin(["", str(CONTESTS[0])])
+        yield _picture(data[shown & (data.off_by == OFF_BY[1])], self.size)
 
 
 def _table_of_models(
@@ -160,71 +180,11 @@ def _table_of_models(
     )
 
 
-def _searches(data: pd.DataFrame, budgets: tuple[int, ...]) -> Parts:
-    """Compare the robust model's refined plans with plain searches, on the plant and on machines.
-
-    Last comes the verdict, by the fastest search that takes no less time.
-    """
-    where = [
-        (f"friction off by up to {percent(off_by)}, m", PLANT, off_by) for off_by in OFF_BY[1:]
-    ]
-    where.append(
-        ("random machines, friction off by up to 10 %, shares of the reach", MACHINES, 0.1)
-    )
-    for number, (what, on, off_by) in enumerate(where):
-        at = data[(data.on == on) & (data.off_by == off_by) & data.refined]
-        rivals = [
-            Case(at, SEARCH, {"motions": motions, "num_candidates": K_OF_SEARCHES})
-            for motions in SEARCHES
-        ]
-        k = K_OF_SEARCHES if K_OF_SEARCHES in budgets or on == MACHINES else budgets[-1]
-        learned = Case(at, ROBUST, {"motions": FEW_MOTIONS, "num_candidates": k})
-        cases = ([learned] if len(learned.rows) else []) + rivals
-
-        def less(case: Case, learned: Case = learned) -> str:
-            if case is learned or not len(learned.rows):
-                return ""
-            return learned.less(case, ERROR).shown(4, "+")
-
-        yield grid.table(
-            f"Refined robust plans and plain searches, {what}: mean executed error, what the "
-            "model's is more than it with the 95 % bootstrap interval over the tasks, and the "
-            "service's time.",
-            cases,
-            (
-                grid.METHOD,
-                grid.Column("Motions", lambda case: str(case.where["motions"])),
-                grid.mean("Mean", ERROR, 4),
-                grid.Column("Model less search", less),
-                grid.median("ms", "compute_ms", 1),
-            ),
-            part=f"search-{number}",
-        )
-        if len(learned.rows):
-            yield _verdict(what, learned, rivals)
-
-
-def _verdict(what: str, learned: Case, rivals: list[Case]) -> Claim:
-    took = float(np.median(learned.values("compute_ms")))
-    times = [float(np.median(rival.values("compute_ms"))) for rival in rivals]
-    within = [rival for rival, ms in zip(rivals, times, strict=True) if ms <= took]
-    rival = within[-1] if within else rivals[0]
-    difference = learned.less(rival, ERROR)
-    return Claim(
-        "A learned robust plan is nearer than that of a plain search in the same time (beyond the "
-        f"paper), {what}.",
-        difference.high < 0,
-        f"The model takes {took:.1f} ms, the search of {rival.where['motions']} motions "
-        f"{times[rivals.index(rival)]:.1f}; its error less the search's is "
-        f"{difference.shown(4, '+')}.",
-    )
-
-
 def _picture(data: pd.DataFrame, size: Size) -> Picture:
     """Draw the mean error against the time, a line through the K of each model."""
     figure = new_figure(3.2)
     panels = figure.subplots(1, 2, sharey=True)
-    searches = [Case(data, SEARCH, {"motions": motions, "refined": True}) for motions in SEARCHES]
+    searches = [Case(data, SEARCH, {"motions": motions}) for motions in SEARCHES]
     for axes, refined in zip(panels, (False, True), strict=True):
         for entrant in taking_part(data, size.entrants):
             cases = [

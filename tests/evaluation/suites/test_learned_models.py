@@ -1,33 +1,35 @@
 """Learned models side by side, nominal and robust, and plain searches beside the robust one."""
 
+from collections.abc import Collection
+
 import pytest
 
 from app.evaluation.answer_log import Answer
+from app.evaluation.contests import SEARCH, SEARCHES
 from app.evaluation.question import Question
 from app.evaluation.suite import Claim, Picture, Section, Table
 from app.evaluation.suites.learned_models import (
+    CONTESTS,
     MODELS,
     OFF_BY,
     REGRESSION,
-    ROBUST,
-    SEARCH,
-    SEARCHES,
     LearnedModels,
 )
 from app.planning.uncertainty.uncertainty import FEW_MOTIONS
 from app.wire.requests import PlanRequest
 
 SUITE = LearnedModels(seed=3, quick=True)
+ROBUST = {contest.model.label for contest in CONTESTS}
 
 
-def section(control: float = 0.0, without: str = "") -> Section:
-    """Nothing moves but where the robust model plans; a search takes a millisecond a motion."""
+def section(control: float = 0.0, without: Collection[str] = ()) -> Section:
+    """Nothing moves but where a robust model plans; a search takes a millisecond a motion."""
 
     def answer(question: Question) -> Answer:
         labels = question.labels
         is_search = labels["entrant"] == SEARCH.label
         content = {
-            "controls": [control if labels["entrant"] == ROBUST.label else 0.0] * 64,
+            "controls": [control if labels["entrant"] in ROBUST else 0.0] * question.plan.horizon,
             "diversity": 0.25,
             "cost": {"network_evaluations": 0 if is_search else 3},
             "timing_ms": {
@@ -40,7 +42,7 @@ def section(control: float = 0.0, without: str = "") -> Section:
     return SUITE.section(
         (question, answer(question))
         for question in SUITE.questions()
-        if question.labels["entrant"] != without
+        if question.labels["entrant"] not in without
     )
 
 
@@ -77,8 +79,9 @@ def test_each_level_has_a_row_for_each_model_and_k() -> None:
 def test_plain_searches_stand_beside_the_model_in_each_setting() -> None:
     searches = section().all(Table)[len(OFF_BY) :]
 
-    for table in searches:
-        assert table.rows[0][:2] == (ROBUST.label, str(FEW_MOTIONS))
+    for table, contest in zip(searches, CONTESTS, strict=True):
+        assert str(contest) in table.caption
+        assert table.rows[0][:2] == (contest.model.label, str(FEW_MOTIONS))
         assert [row[1] for row in table.rows[1:]] == [str(motions) for motions in SEARCHES]
 
 
@@ -89,8 +92,14 @@ def test_the_verdict_is_against_the_largest_search_that_takes_no_longer(control:
         assert not claim.confirmed or control
 
 
+def test_contests_are_asked_for_their_own_horizon() -> None:
+    horizons = {question.labels["contest"]: question.plan.horizon for question in SUITE.questions()}
+
+    assert horizons == {"": 64} | {str(contest): contest.horizon for contest in CONTESTS}
+
+
 def test_a_store_without_the_robust_model_gives_no_verdict() -> None:
-    without = section(without=ROBUST.label)
+    without = section(without=ROBUST)
 
     assert without.all(Claim) == []
     assert REGRESSION.label in {row[0] for row in without.all(Table)[0].rows}

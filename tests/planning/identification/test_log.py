@@ -80,3 +80,10 @@ def test_the_noise_is_seen_beside_the_motion(noise: float) -> None:
     positions = STATES[:, 0] + noise * np.random.default_rng(2).standard_normal(len(STATES))
     log = Log(0.05, CONTROLS, positions)
     assert log.position_noise == pytest.approx(noise, rel=0.4)
+
+
+def test_the_resolution_of_an_encoder_is_seen() -> None:
+    counted = Log(0.05, CONTROLS, 2.5e-4 * np.round(POSITIONS / 2.5e-4))
+    assert counted.resolution == pytest.approx(2.5e-4)
+    assert counted.position_noise >= 2.5e-4 / np.sqrt(12.0)
+    assert Log(0.05, CONTROLS, POSITIONS).resolution == 0.0

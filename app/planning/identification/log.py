@@ -4,6 +4,7 @@ What cannot be a log of one machine in motion is refused in log_checks.py; what 
 that can be is for the others to say.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +66,7 @@ class Log:
     @property
     def least_noise(self) -> float:
         """Of positions that are whole numbers of an encoder's counts, and of any other: m."""
-        return max(self.resolution / np.sqrt(12.0), FLOOR * float(np.ptp(self.positions)))
+        return max(self.resolution / math.sqrt(12.0), FLOOR * float(np.ptp(self.positions)))
 
     @property
     def resolution(self) -> float:

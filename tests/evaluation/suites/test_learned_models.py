@@ -22,6 +22,11 @@ SUITE = LearnedModels(seed=3, quick=True)
 ROBUST = {contest.model.label for contest in CONTESTS}
 
 
+def horizon_of(question: Question) -> int:
+    assert isinstance(question.request, PlanRequest)
+    return question.request.horizon
+
+
 def section(control: float = 0.0, without: Collection[str] = ()) -> Section:
     """Nothing moves but where a robust model plans; a search takes a millisecond a motion."""
 
@@ -29,7 +34,7 @@ def section(control: float = 0.0, without: Collection[str] = ()) -> Section:
         labels = question.labels
         is_search = labels["entrant"] == SEARCH.label
         content = {
-            "controls": [control if labels["entrant"] in ROBUST else 0.0] * question.plan.horizon,
+            "controls": [control if labels["entrant"] in ROBUST else 0.0] * horizon_of(question),
             "diversity": 0.25,
             "cost": {"network_evaluations": 0 if is_search else 3},
             "timing_ms": {

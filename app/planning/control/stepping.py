@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray, IntArray
+from app.planning.control.belief import believed
 from app.planning.control.feedback import feedback_control, switching_control
-from app.planning.control.kalman import believed, observe
+from app.planning.control.kalman import observe
 from app.planning.control.memory import (
     ACTING,
     INTEGRAL,

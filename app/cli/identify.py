@@ -109,7 +109,7 @@ def identify(
     named = {"time": time, "control": control, "position": position, "velocity": velocity}
     log = read_log(log_file, named, time_step)
     request = _request(log_file, log.fields, fields)
-    answer = _identify(log_file, request)
+    answer = _identify(log_file, request, fields)
     console = Console(stderr=STANDARD_OUTPUT in (json_file, system_file))
     print_identification(console, answer, log.notes)
     system = answer.model_dump(include={"system"}, exclude_none=True)
@@ -156,13 +156,24 @@ def _request(
         lines = []
         for fault in field_errors(error.errors(), body):
             field, _, rest = fault.pointer.removeprefix("/").partition("/")
-            is_option = field in given
-            source = f"--{field.replace('_', '-')}" if is_option else f"{log_file}: /{field}"
-            lines.append(f"{source}{f' /{rest}' if rest else ''}: {fault.detail}")
+            lines.append(f"{_source(log_file, field, given)}{_within(rest)}: {fault.detail}")
         raise Failure("\n".join(lines)) from None
 
 
-def _identify(log_file: Path, request: "IdentifyRequest") -> "IdentifyResponse":
+def _source(log_file: Path, field: str, options: Mapping[str, Any]) -> str:
+    """Return the name of what gave a field its value: an option, or the log."""
+    is_option = options.get(field) is not None
+    return f"--{field.replace('_', '-')}" if is_option else f"{log_file}: /{field}"
+
+
+def _within(rest: str) -> str:
+    """Return where a part of a field is at fault, as it stands behind the field's name."""
+    return f" /{rest}" if rest else ""
+
+
+def _identify(
+    log_file: Path, request: "IdentifyRequest", options: Mapping[str, Any]
+) -> "IdentifyResponse":
     """Identify as the service does.
 
     Raises:
@@ -179,7 +190,8 @@ def _identify(log_file: Path, request: "IdentifyRequest") -> "IdentifyResponse":
     try:
         return service.identify(service.resolve(request))
     except InvalidField as error:
-        raise Failure(f"{log_file}: {error.pointer.removeprefix('/')}: {error}") from None
+        field, _, rest = error.pointer.removeprefix("/").partition("/")
+        raise Failure(f"{_source(log_file, field, options)}{_within(rest)}: {error}") from None
 
 
 def _parse(option: str, text: bytes) -> Any:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
-from app.cli.request_options import FILE, json_option, picture_option
+from app.cli.request_options import FILE, picture_option
 from app.failure import Failure
 from app.settings_options import read_settings
 
@@ -54,7 +54,13 @@ NUMBER_OR_AUTO = "N|auto"
     show_default=True,
     help="Write the plant, as --request of breakaway plan, POST /plan and /simulate take it.",
 )
-@json_option
+@click.option(
+    "--json",
+    "json_file",
+    **FILE,
+    help="Write the answer as the service sends it, with the ensemble, as --uncertainty of "
+    "breakaway plan takes it; - is standard output.",
+)
 @picture_option(
     "Draw what the plant predicts of the log, and its friction",
     default=Path("identification.png"),
@@ -94,7 +100,7 @@ def identify(
     from rich.console import Console
 
     from app.cli.files import check_picture_format, write_picture
-    from app.cli.identify_table import print_identification
+    from app.cli.identify_table import print_identification, print_written
     from app.cli.log_file import read_log
 
     if excitation is not None:
@@ -123,6 +129,7 @@ def identify(
         return draw_identification(request, answer)
 
     write_picture(draw, picture)
+    print_written(console, answer, system_file, picture, json_file)
 
 
 def _request(

@@ -48,9 +48,15 @@ def test_a_log_becomes_a_table_a_system_that_plans_take_and_a_picture(tmp_path: 
     assert system_of(tmp_path) == whole.system
     assert (tmp_path / "log.svg").stat().st_size > 1000
 
-    target = ("--target-state", "0.1", "0", "--method", "dataset_prior", "--refine")
-    plan = invoke("plan", "--request", str(tmp_path / "system.json"), *target)
+    written = " ".join(done.stdout.split()).partition("Written: ")[2]
+    for file in ("system.json", "log.svg", "answer.json"):
+        assert str(tmp_path / file) in written
+    assert f"--uncertainty {answer}" in written
+
+    request = ("plan", "--request", str(tmp_path / "system.json"), "--target-state", "0.1", "0")
+    plan = invoke(*request, "--method", "dataset_prior", "--refine", "--uncertainty", str(answer))
     assert plan.exit_code == 0, plan.stderr
+    assert f"on {len(whole.systems)} plants" in plan.stdout
 
 
 @pytest.mark.parametrize("ending", ["json", "mat", "csv"])

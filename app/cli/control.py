@@ -1,4 +1,4 @@
-"""`breakaway control --simulate`: runs of a controller in this process, without a server."""
+"""`breakaway control`: runs of a controller in this process, without a server."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -15,18 +15,13 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option(
-    "--simulate",
-    is_flag=True,
-    required=True,
-    help="On a simulated machine; a real one is controlled over WS /control.",
-)
 @request_options(
     file="JSON as for POST /simulate; - is standard input.",
     target="Position (m) to come to rest at, and velocity 0.",
     system="The true plant: a machine's name, or its parameters.  [default: the paper's plant]",
-    uncertainty="Plants around the nominal one that the controller plans for: their systems, or by "
-    'what share parameters may be off, such as {"relative": {"coulomb_friction": 0.1}}.',
+    uncertainty="Plants around the nominal one that the controller plans for: those in a FILE of "
+    "breakaway identify --json, or by what share parameters may be off, such as "
+    '{"relative": {"coulomb_friction": 0.1}}.',
 )
 @click.option(
     "--controller",
@@ -60,7 +55,6 @@ if TYPE_CHECKING:
 @json_option
 @picture_option("Draw the runs")
 def control(
-    simulate: bool,  # noqa: ARG001  # so far there is nothing else
     request_file: BinaryIO | None,
     json_file: Path | None,
     picture: Path | None,
@@ -68,13 +62,13 @@ def control(
 ) -> None:
     """Control a simulated machine, and print what came of it.
 
-    The machine need not be what its controller believes. What to simulate is said by a file
-    (--request), by options with the names of its fields, or by both: an option overrides what the
-    file says.
+    A real one is controlled over WS /control of the service. The machine need not be what its
+    controller believes. What to simulate is said by a file (--request), by options with the names
+    of its fields, or by both: an option overrides what the file says.
 
     \b
-    breakaway control --simulate --target-state 0.2 0
-    breakaway control --simulate --target-state 0.2 0 --system '{"static_friction": 0.8}' \\
+    breakaway control --target-state 0.2 0
+    breakaway control --target-state 0.2 0 --system '{"static_friction": 0.8}' \\
         --nominal-system paper --controller pid --num-runs 20 --picture runs.png
     """
     from rich.console import Console

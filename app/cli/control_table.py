@@ -1,4 +1,4 @@
-"""What `breakaway control --simulate` prints: what the runs are worth, all of them and each."""
+"""What `breakaway control` prints: what the runs are worth, all of them and each."""
 
 from statistics import fmean, median
 
@@ -9,7 +9,14 @@ from rich.table import Table
 from app.wire.simulation import RunReport, SimulateRequest, SimulateResponse
 
 SHOWN_RUNS = 20
-HEADINGS = ("seed", "final error\n(m)", "settled\n(s)", "control\nenergy", "hunts", "status")
+HEADINGS = (
+    "seed",
+    "final error\n(m)",
+    "within 1 cm\nfrom (s)",
+    "control\nenergy",
+    "hunts",
+    "status",
+)
 
 
 def print_runs(console: Console, request: SimulateRequest, answer: SimulateResponse) -> None:
@@ -18,14 +25,7 @@ def print_runs(console: Console, request: SimulateRequest, answer: SimulateRespo
     title = f"{answer.controller}, seed {answer.seed}\n"
     console.print(title, style="bold", highlight=False)
     table = Table(box=SIMPLE, show_edge=False, padding=(0, 1, 0, 0))
-    for heading in (
-        "seed",
-        "final error\n(m)",
-        "settled\n(s)",
-        "control\nenergy",
-        "hunts",
-        "status",
-    ):
+    for heading in HEADINGS:
         table.add_column(heading, justify="right", vertical="bottom")
     time_step = answer.system.time_step
     for run in runs[:SHOWN_RUNS]:

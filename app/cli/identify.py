@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from app.cli.files import STANDARD_OUTPUT, check_writable, write_text
-from app.cli.request_options import FILE, json_option, picture_option
+from app.cli.request_options import FILE, picture_option
 from app.failure import Failure
 from app.settings_options import read_settings
 
@@ -60,7 +60,13 @@ NUMBER_OR_AUTO = "N|auto"
     show_default=True,
     help="Write the plant, as --request of breakaway plan, POST /plan and /simulate take it.",
 )
-@json_option
+@click.option(
+    "--json",
+    "json_file",
+    **FILE,
+    help="Write the answer as the service sends it, with the ensemble, as --uncertainty of "
+    "breakaway plan takes it; - is standard output.",
+)
 @picture_option(
     "Draw what the plant predicts of the log, and its friction",
     default=Path("identification.png"),
@@ -100,7 +106,7 @@ def identify(
     from rich.console import Console
 
     from app.cli.files import check_picture_format, write_picture
-    from app.cli.identify_table import print_identification
+    from app.cli.identify_table import print_identification, print_written
     from app.cli.log_file import read_log
 
     if excitation is not None:
@@ -115,7 +121,7 @@ def identify(
     named = {"time": time, "control": control, "position": position, "velocity": velocity}
     log = read_log(log_file, named, time_step)
     request = _request(log_file, log.fields, fields)
-    answer = _identify(log_file, request)
+    answer = _identify(log_file, request, fields)
     console = Console(stderr=STANDARD_OUTPUT in (json_file, system_file))
     print_identification(console, answer, log.notes)
     system = answer.model_dump(include={"system"}, exclude_none=True)
@@ -129,6 +135,7 @@ def identify(
         return draw_identification(request, answer)
 
     write_picture(draw, picture)
+    print_written(console, answer, system_file, picture, json_file)
 
 
 def _request(
@@ -164,13 +171,24 @@ def _request(
         lines = []
         for fault in field_errors(error.errors(), body):
             field, _, rest = fault.pointer.removeprefix("/").partition("/")
-            is_option = field in given
-            source = f"--{field.replace('_', '-')}" if is_option else f"{log_file}: /{field}"
-            lines.append(f"{source}{f' /{rest}' if rest else ''}: {fault.detail}")
+            lines.append(f"{_source(log_file, field, given)}{_within(rest)}: {fault.detail}")
         raise Failure("\n".join(lines)) from None
 
 
-def _identify(log_file: Path, request: "IdentifyRequest") -> "IdentifyResponse":
+def _source(log_file: Path, field: str, options: Mapping[str, Any]) -> str:
+    """Return the name of what gave a field its value: an option, or the log."""
+    is_option = options.get(field) is not None
+    return f"--{field.replace('_', '-')}" if is_option else f"{log_file}: /{field}"
+
+
+def _within(rest: str) -> str:
+    """Return where a part of a field is at fault, as it stands behind the field's name."""
+    return f" /{rest}" if rest else ""
+
+
+def _identify(
+    log_file: Path, request: "IdentifyRequest", options: Mapping[str, Any]
+) -> "IdentifyResponse":
     """Identify as the service does.
 
     Raises:
@@ -187,7 +205,8 @@ def _identify(log_file: Path, request: "IdentifyRequest") -> "IdentifyResponse":
     try:
         return service.identify(service.resolve(request))
     except InvalidField as error:
-        raise Failure(f"{log_file}: {error.pointer.removeprefix('/')}: {error}") from None
+        field, _, rest = error.pointer.removeprefix("/").partition("/")
+        raise Failure(f"{_source(log_file, field, options)}{_within(rest)}: {error}") from None
 
 
 def _parse(option: str, text: bytes) -> Any:

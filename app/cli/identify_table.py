@@ -1,12 +1,15 @@
-"""What `breakaway identify` prints: the parameters, how well they explain the log, what is open."""
+"""What `breakaway identify` prints: the parameters, how well they explain the log, what is open,
+and where it all went."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from textwrap import wrap
 
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Column, Table
 
+from app.cli.files import STANDARD_OUTPUT
 from app.wire.identification import IdentifyResponse
 
 UNITS = {
@@ -20,13 +23,14 @@ def print_identification(
 ) -> None:
     """Print what a log says of a machine, and what it does not say."""
     table = Table(
-        Column("parameter", no_wrap=True),
-        Column("value", justify="right"),
-        Column("95 % interval", justify="right"),
-        Column("unit", no_wrap=True),
-        Column("told"),
+        Column("parameter", no_wrap=True, vertical="bottom"),
+        Column("value", justify="right", vertical="bottom"),
+        Column("95 % interval", justify="right", vertical="bottom"),
+        Column("unit", no_wrap=True, vertical="bottom"),
+        Column("can be\ntold", vertical="bottom"),
         box=SIMPLE,
         show_edge=False,
+        padding=(0, 1, 0, 0),
     )
     for parameter in answer.parameters:
         low, high = parameter.interval
@@ -58,3 +62,33 @@ def print_identification(
             for line in lines:
                 text = wrap(line, console.width - 2, initial_indent="- ", subsequent_indent="  ")
                 console.print("\n".join(text), markup=False, highlight=False)
+
+
+def print_written(
+    console: Console,
+    answer: IdentifyResponse,
+    system_file: Path,
+    picture: Path,
+    json_file: Path | None,
+) -> None:
+    """Print which files were written, and how to plan with them."""
+    files = [
+        file for file in (system_file, picture, json_file) if file not in {None, STANDARD_OUTPUT}
+    ]
+    plan = (
+        f"breakaway plan --request {system_file} --target-state P V --method dataset_prior --refine"
+    )
+    if answer.delay_steps:
+        plan += f" --pending-controls '{[0] * answer.delay_steps}'"
+    ensemble = (
+        f"add --uncertainty {json_file}"
+        if json_file
+        else "write the ensemble here, by --json FILE, and add --uncertainty FILE there"
+    )
+    console.print(f"\nWritten: {', '.join(map(str, files))}", highlight=False, soft_wrap=True)
+    if STANDARD_OUTPUT not in (system_file, json_file):
+        for line in (
+            f"To plan from rest: {plan}",
+            f"To plan for every plant that the log leaves possible: {ensemble}",
+        ):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)

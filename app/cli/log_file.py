@@ -4,7 +4,7 @@ What the columns have to be is checked here as far as it is the file's; the rest
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from app.cli.log_columns import Column, in_si, split
+from app.cli.log_csv import read_csv
 from app.cli.log_times import at_even_times
 from app.failure import Failure
 
@@ -55,12 +56,14 @@ def read_log(file: Path, named: Mapping[str, str | None], time_step: float | Non
     ):
         return LogFile(columns, ())  # a request as it is
     series = {name: _numbers(values) for name, values in columns.items() if _is_series(values)}
+    if not series:
+        raise Failure(f"{file}: no column has two values or more; there are {_listed(columns)}")
     found = {role: _find(file, role, name, series) for role, name in named.items()}
     control, position = found["control"], found["position"]
     for role, column in (("control", control), ("position", position)):
         if column is None:
             raise Failure(
-                f"{file}: no column is a {role}; there are {', '.join(series)}; name one with "
+                f"{file}: no column is a {role}; there are {_listed(series)}; name one with "
                 f"--{role}"
             )
     assert control is not None
@@ -75,7 +78,10 @@ def read_log(file: Path, named: Mapping[str, str | None], time_step: float | Non
         time_step = float(np.asarray(columns["time_step"]).item())
     if time_step is None:
         if found["time"] is None:
-            raise Failure(f"{file}: no column has times; name it with --time, or give --time-step")
+            raise Failure(
+                f"{file}: no column has times; there are {_listed(series)}; name one with --time, "
+                "or give --time-step"
+            )
         time_step, chosen, note = at_even_times(file, found["time"].values, chosen)
         notes += note
     fields: dict[str, Any] = {
@@ -117,22 +123,15 @@ def _read(file: Path) -> dict[str, Any]:
                     if not name.startswith("__")
                 }
             case _:
-                return _read_csv(file)
+                return dict(read_csv(file))
     except OSError as error:
         raise Failure(f"{file}: {error.strerror or error}") from None
     except (ValueError, NotImplementedError, TypeError, csv.Error) as error:
         raise Failure(f"{file}: cannot be read: {error}") from None
 
 
-def _read_csv(file: Path) -> dict[str, Any]:
-    import pandas as pd
-
-    table = pd.read_csv(file, comment="#", sep=None, engine="python", skipinitialspace=True)
-    if all(_is_number(str(name)) for name in table.columns):
-        table = pd.read_csv(
-            file, comment="#", sep=None, engine="python", skipinitialspace=True, header=None
-        )
-    return {str(name).strip(): table[name].to_numpy() for name in table.columns}
+def _listed(columns: Iterable[str]) -> str:
+    return ", ".join(columns) or "none"
 
 
 def _is_number(text: str) -> bool:
@@ -167,7 +166,7 @@ def _find(
     if name is not None:
         name, _, unit = name.partition(":")
         if name not in series:
-            raise Failure(f"--{role}: {file} has no column {name!r}; there are {', '.join(series)}")
+            raise Failure(f"--{role}: {file} has no column {name!r}; there are {_listed(series)}")
         return in_si(file, role, name, unit or split(name)[1], series[name], is_named=True)
     for heading, values in series.items():
         stem, unit = split(heading)

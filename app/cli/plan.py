@@ -26,8 +26,16 @@ if TYPE_CHECKING:
     target="Position (m) and velocity (m/s) to reach.",
     system="A machine's name (see breakaway models --machines), or an object with the plant's "
     "parameters.  [default: the paper's plant]",
-    uncertainty="Plan for plants that are not known: their systems, or by what share parameters "
-    'may be off, such as {"relative": {"coulomb_friction": 0.1}}.',
+    uncertainty="Plan for plants that are not known: those in a FILE of breakaway identify --json, "
+    'or by what share parameters may be off, such as {"relative": {"coulomb_friction": 0.1}}.',
+)
+@click.option(
+    "--horizon", type=int, help="H: time steps of the plan.  [default: 64, or the named model's]"
+)
+@click.option(
+    "--pending-controls",
+    metavar="JSON",
+    help="Controls on their way to the actuator already, such as [0, 0] at rest with a delay of 2.",
 )
 @click.option(
     "--method",
@@ -65,8 +73,7 @@ def plan(
     """Make one plan, without a server, and print its measures.
 
     What to plan is said by a file (--request), by options with the names of its fields, or by
-    both: an option overrides what the file says, and --target-state its targets, too. Controls that
-    are on their way to the actuator already (pending_controls) come from a file.
+    both: an option overrides what the file says, and --target-state its targets, too.
 
     \b
     breakaway plan --target-state 0.2 0 --refine

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import click
@@ -16,16 +17,17 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound="Asked")
 
 AT_REST = (0.0, 0.0)
-NAME_OR_OBJECT = {
+NAME_OR_JSON = {
     "controller",
     "disturbance",
     "method",
     "nominal_system",
+    "pending_controls",
     "sensor",
     "system",
     "uncertainty",
 }
-"""Fields that are an object in JSON; for some of them a name may stand."""
+"""Fields that are an object or array in JSON; for some of them a name may stand, or a file."""
 
 
 def read_request(
@@ -64,8 +66,10 @@ def validated(kind: type[T], body: Mapping[str, Any], options: Mapping[str, Any]
     from app.wire.field_errors import field_errors
 
     given = {**body, **options}
-    for field in NAME_OR_OBJECT & options.keys():
-        given[field] = _name_or_object(field, options[field])
+    for field in NAME_OR_JSON & options.keys():
+        given[field] = _name_or_parsed(field, options[field])
+    if isinstance(given.get("uncertainty"), str):
+        given["uncertainty"] = _uncertainty_in(given["uncertainty"])
     try:
         return kind.model_validate(given)
     except ValidationError as error:
@@ -100,11 +104,35 @@ def read_body(file: BinaryIO | None) -> dict[str, Any]:
     return body
 
 
-def _name_or_object(field: str, text: str) -> Any:
-    """Return the field of a request: a name as it is, or an object."""
-    if not text.startswith("{"):
+def _name_or_parsed(field: str, text: str) -> Any:
+    """Return the field of a request: a name as it is, or an object or array."""
+    if not text.startswith(("{", "[")):
         return text
     return _parse(os.fsencode(text), {field: text}, f"/{field}")
+
+
+def _uncertainty_in(file: str) -> Any:
+    """Return the uncertainty in a file: as a request has it, or the ensemble that a log came to.
+
+    Raises:
+        Failure: there is no such file, it is no JSON object, or is a plant without an ensemble.
+    """
+    try:
+        text = Path(file).read_bytes()
+    except OSError as error:
+        reason = f"{file}: {error.strerror}; it must be a JSON object, or a file of one"
+        raise Failure(f"--uncertainty: {reason}") from None
+    parsed = _parse(text, {"uncertainty": file}, "/uncertainty")
+    if not isinstance(parsed, dict):
+        raise Failure(f"--uncertainty: {file}: must be a JSON object")
+    if "system" not in parsed:
+        return parsed
+    if "systems" not in parsed:
+        raise Failure(
+            f"--uncertainty: {file}: it has one plant only; the ensemble is in the answer of "
+            "breakaway identify --json FILE"
+        )
+    return {"systems": parsed["systems"]}
 
 
 def _parse(text: bytes, options: Mapping[str, Any], within: str = "") -> Any:

@@ -1,5 +1,6 @@
 """What `breakaway plan` prints: the measures of a plan; of several targets, a row for each."""
 
+from collections.abc import Sequence
 from textwrap import wrap
 from typing import NamedTuple
 
@@ -46,6 +47,17 @@ def print_plan(
     for measure in [*measures, *_expense(answer.cost, answer.timing_ms)]:
         table.add_row(measure.name, f"{measure.text} {measure.unit}".rstrip())
     console.print(table)
+    segments: Sequence[Segment] = (
+        answer.segments if isinstance(answer, MultistepPlanResponse) else [answer]
+    )
+    for number, segment in enumerate(segments, 1):
+        if segment.reachability is not None and not segment.reachability.reachable:
+            target = f"Target {number} is" if len(segments) > 1 else "The target is"
+            console.print(
+                f"\n{target} not reachable in {len(segment.controls)} steps: at best "
+                f"{segment.reachability.floor:.3g} m off.",
+                highlight=False,
+            )
 
 
 def _by_segment(request: MultistepPlanRequest, answer: MultistepPlanResponse) -> Table:

@@ -25,7 +25,7 @@ def request_options(file: str, target: str, system: str, uncertainty: str) -> Op
 
     def add(command: Command) -> Command:
         for option in (
-            click.option("--uncertainty", metavar="JSON", help=uncertainty),
+            click.option("--uncertainty", metavar="FILE|JSON", help=uncertainty),
             click.option("--seed", type=int, help="Decides every random draw."),
             click.option("--system", metavar="NAME|JSON", help=system),
             click.option("--target-state", **STATE, help=target),

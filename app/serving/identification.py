@@ -8,7 +8,7 @@ import numpy as np
 
 from app.planning.identification.identify import EVALUATIONS, Question, identify
 from app.planning.identification.log import Log
-from app.planning.identification.log_checks import UnusableLog, checked_log
+from app.planning.identification.log_checks import UnusableLog, check_control_limit, checked_log
 from app.planning.identification.verdict import Identification
 from app.serving.admission import Work
 from app.serving.json_parts import json_parts
@@ -62,6 +62,7 @@ class IdentificationService:
                 np.array(request.positions, dtype=np.float64),
                 None if velocities is None else np.array(velocities, dtype=np.float64),
             )
+            check_control_limit(log, request.known.control_limit)
             request.question.check(log)
         except UnusableLog as error:
             raise InvalidField(f"/{error.field}", str(error)) from None

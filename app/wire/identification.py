@@ -80,8 +80,10 @@ class Known(Asked):
 class IdentifyRequest(Asked):
     """A log of one machine in motion, at even times."""
 
-    time_step: Annotated[float, Field(ge=LEAST_TIME_STEP, le=MOST_TIME_STEP)] = Field(
-        description="Between samples, s."
+    time_step: Annotated[float, Field(ge=LEAST_TIME_STEP)] = Field(
+        description="Between samples, s.",
+        # A longer one is refused where it can be asked whether it is in ms.
+        json_schema_extra={"maximum": MOST_TIME_STEP},
     )
     controls: Series = Field(
         description="Units of control; control k acts from sample k to k+1, or `delay_steps` "

@@ -101,6 +101,8 @@ def shifted(by: float) -> list[float]:
         ({"controls": [2e6, *EXAMPLE["controls"][1:]]}, "/controls/0", "less than or equal"),
         ({"controls": EXAMPLE["controls"][::-1]}, "/controls", "no plant of this kind"),
         ({"time_step": 0}, "/time_step", "greater than or equal"),
+        ({"time_step": 20.0}, "/time_step", "are times in ms"),
+        ({"known": {"control_limit": 0.5}}, "/known/control_limit", "the log holds a control of"),
         ({"delay_steps": 60}, "/delay_steps", "too few are left"),
         ({"known": {"control_gain": 0}}, "/known/control_gain", "greater than or equal"),
         ({"known": {"mass": 1}}, "/known/mass", "Extra inputs"),

@@ -8,7 +8,7 @@ import pytest
 from app.wire.simulation import SimulateResponse
 from tests.cli.command import invoke
 
-SIMULATE = ("control", "--simulate", "--seed", "7")
+SIMULATE = ("control", "--seed", "7")
 TARGET = ("--target-state", "0.2", "0")
 OFF = (
     "--system",
@@ -30,6 +30,7 @@ def test_it_prints_writes_and_draws_runs(tmp_path: Path) -> None:
         assert f"{run.final_error:.6f}" in done.stdout
         assert run.status == "arrived"
     assert "3 settled within" in done.stdout
+    assert "from (s)" in done.stdout
     assert (tmp_path / "runs.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -48,9 +48,15 @@ def test_a_log_becomes_a_table_a_system_that_plans_take_and_a_picture(tmp_path: 
     assert system_of(tmp_path) == whole.system
     assert (tmp_path / "log.svg").stat().st_size > 1000
 
-    target = ("--target-state", "0.1", "0", "--method", "dataset_prior", "--refine")
-    plan = invoke("plan", "--request", str(tmp_path / "system.json"), *target)
+    written = " ".join(done.stdout.split()).partition("Written: ")[2]
+    for file in ("system.json", "log.svg", "answer.json"):
+        assert str(tmp_path / file) in written
+    assert f"--uncertainty {answer}" in written
+
+    request = ("plan", "--request", str(tmp_path / "system.json"), "--target-state", "0.1", "0")
+    plan = invoke(*request, "--method", "dataset_prior", "--refine", "--uncertainty", str(answer))
     assert plan.exit_code == 0, plan.stderr
+    assert f"on {len(whole.systems)} plants" in plan.stdout
 
 
 @pytest.mark.parametrize("ending", ["json", "mat", "csv"])
@@ -104,9 +110,17 @@ def drop_rows(table: pd.DataFrame) -> pd.DataFrame:
         (lambda table: table.assign(position=0.5), "nothing moved"),
         (lambda table: table.assign(control=0.5), "0.5 throughout"),
         (lambda table: table.assign(position=1e3 * table.position), "another unit than m"),
-        (lambda table: table.rename(columns={"position": "place"}), "no column is a position"),
+        (
+            lambda table: table.rename(columns={"position": "place"}),
+            "no column is a position; there are time, control, place",
+        ),
         (lambda table: table.rename(columns={"position": "position_ft"}), "the unit 'ft'"),
-        (lambda table: table.drop(columns="time"), "no column has times"),
+        (
+            lambda table: table.drop(columns="time"),
+            "no column has times; there are control, position",
+        ),
+        (lambda table: table.head(1), "no column has two values or more; there are time, control"),
+        (lambda table: table.assign(time=1e3 * TIMES), "50 s lies beyond 1e-05 to 5 s: are times"),
         (
             lambda table: table.assign(velocity_mm=np.gradient(table.position, TIMES)),
             "the unit 'mm' is none of",
@@ -131,6 +145,7 @@ def test_a_log_that_is_none_is_refused_in_words(tmp_path: Path, edit: Edit, reas
         (("--known", "{"), "--known: not JSON"),
         (("--known", '{"mass": 1}'), "--known /mass"),
         (("--delay-steps", "some"), "--delay-steps: must be a number, or auto"),
+        (("--known", '{"control_limit": 0.5}'), "--known /control_limit: the log holds a control"),
         (("--control", "none"), "--control: "),
         (("--num-systems", "0"), "--num-systems"),
     ],

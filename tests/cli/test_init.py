@@ -47,7 +47,7 @@ def test_every_command_has_help(command: str) -> None:
     [
         (["--help"], {"torch", "numba", "numpy", "pydantic"}),
         (["plan", "--help"], {"torch", "numba", "numpy", "pydantic"}),
-        (["control", "--simulate", "--help"], {"torch", "numba", "numpy", "pydantic"}),
+        (["control", "--help"], {"torch", "numba", "numpy", "pydantic"}),
         (["models", "--help"], {"torch", "numba", "numpy", "pydantic"}),
         (["serve", "--help"], {"torch", "numba", "numpy"}),
         (["models"], {"torch", "numba"}),

@@ -2,6 +2,7 @@
 
 import io
 import json
+from pathlib import Path
 from typing import Any
 
 import click
@@ -65,6 +66,7 @@ def test_options_alone_are_a_request_from_rest() -> None:
         ("num_candidates", 4),
         ("seed", 6),
         ("model", "other/2"),
+        ("horizon", 96),
         ("refine", True),
         ("objective", "stuck_steps"),
     ],
@@ -84,6 +86,54 @@ def test_a_system_may_be_an_object() -> None:
     system = {"static_friction": {"forward": 0.8, "backward": 0.7}, "bias": -0.1}
     asked = read(WHOLE, system=json.dumps(system))
     assert asked == PlanRequest.model_validate(WHOLE | {"system": system})
+
+
+@pytest.mark.parametrize(
+    ("content", "uncertainty"),
+    [
+        (
+            {"relative": {"bias": 0.1}, "risk": "worst"},
+            {"relative": {"bias": 0.1}, "risk": "worst"},
+        ),
+        ({"systems": [{}, {"bias": 0.1}]}, {"systems": [{}, {"bias": 0.1}]}),
+        (
+            {"system": {}, "systems": [{"bias": 0.1}], "delay_steps": 2, "seed": 1},
+            {"systems": [{"bias": 0.1}]},
+        ),
+    ],
+)
+def test_uncertainty_may_be_a_file_as_identification_writes_it(
+    tmp_path: Path, content: Any, uncertainty: Any
+) -> None:
+    (tmp_path / "answer.json").write_text(json.dumps(content))
+    asked = read(WHOLE, uncertainty=str(tmp_path / "answer.json"))
+    assert asked == PlanRequest.model_validate(WHOLE | {"uncertainty": uncertainty})
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (None, "No such file or directory; it must be a JSON object, or a file of one"),
+        ("[1]", "must be a JSON object"),
+        ("{", "not JSON"),
+        ('{"system": {}}', "it has one plant only; the ensemble is in the answer of breakaway"),
+        ('{"risk": "worst"}', "either systems or relative"),
+    ],
+)
+def test_a_file_without_an_ensemble_is_told_of(
+    tmp_path: Path, content: str | None, fault: str
+) -> None:
+    file = tmp_path / "answer.json"
+    if content is not None:
+        file.write_text(content)
+    (line,) = refusal(WHOLE, uncertainty=str(file))
+    assert line.startswith("--uncertainty")
+    assert fault in line
+
+
+def test_pending_controls_may_be_an_option() -> None:
+    asked = read(WHOLE, pending_controls="[0, 0.5]")
+    assert asked == PlanRequest.model_validate(WHOLE | {"pending_controls": [0, 0.5]})
 
 
 def test_a_target_overrides_the_targets_of_the_file() -> None:
@@ -125,6 +175,8 @@ def test_options_other_than_the_target_keep_the_targets_of_the_file() -> None:
         (WHOLE, {"system": '{"control_limit": "1"}'}, "--system /control_limit: must be a number"),
         (WHOLE | {"pending_controls": [0, "1"]}, {}, "/pending_controls/1: "),
         (WHOLE, {"model": ""}, "--model: "),
+        (WHOLE, {"pending_controls": '[0, "1"]'}, "--pending-controls /1: "),
+        (WHOLE, {"pending_controls": "0"}, "--pending-controls: must be an array"),
         ([WHOLE], {}, "--request: must be a JSON object"),
     ],
 )

@@ -76,6 +76,25 @@ def test_how_far_the_floor_may_be_off_is_shown_where_it_is(
     assert ("floor error" in text) == shown
 
 
+def test_a_target_out_of_reach_is_told_of_in_a_sentence(
+    service: PlanningService, plan: PlanResponse
+) -> None:
+    far = ONE.model_copy(update={"target_state": (3.0, 0.0), "horizon": 20})
+    answer = service.plan(service.resolve(far))
+    assert answer.reachability is not None
+    floor = f"{answer.reachability.floor:.3g}"
+    said = f"The target is not reachable in 20 steps: at best {floor} m off.\n"
+    assert said in printed(far, answer)
+    assert "reachable" not in printed(ONE, plan)
+
+
+def test_of_several_targets_that_out_of_reach_is_named(service: PlanningService) -> None:
+    several = SEVERAL.model_copy(update={"targets": [(0.1, 0.0), (9.0, 0.0)]})
+    text = printed(several, service.plan_multistep(service.resolve(several)))
+    assert "Target 2 is not reachable in 64 steps: at best" in text
+    assert text.count("not reachable") == 1
+
+
 def test_a_plant_with_a_gain_has_units_of_control(
     plan: PlanResponse, multistep: MultistepPlanResponse
 ) -> None:

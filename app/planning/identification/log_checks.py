@@ -6,7 +6,7 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.identification.log import Log
-from app.planning.plant.system import SMALLEST
+from app.planning.plant.system import SMALLEST, ControlLimits
 
 LEAST_STEPS = 30
 """Fewer samples than this say nothing about five parameters and their noise."""
@@ -20,15 +20,22 @@ JUMP = 20.0
 """An acceleration so many times as large as that of nearly all other steps is none."""
 MOVES = 4.0
 """A machine has moved if its positions differ by so many times their noise."""
+LEAST_MOVING_STEPS = 8
+"""Of a log that ends soon after its first motion: from fewer nothing follows."""
 INCONSISTENT = 0.2
 """By what share velocities may differ from what positions say."""
+
+
+BEYOND_LIMIT = 0.05
+"""By what share a control may be greater than the limit: currents are measured, with noise."""
 
 
 class UnusableLog(ValueError):
     """From this log nothing follows; the message says why.
 
     Args:
-        field: that is at fault: time_step, controls, positions or velocities.
+        field: that is at fault: time_step, controls, positions, velocities, delay_steps, known, or
+            a field of what is known, as in known/control_limit.
         message: in words.
     """
 
@@ -64,12 +71,40 @@ def checked_log(
     return log
 
 
+def check_control_limit(log: Log, limit: float | ControlLimits | None) -> None:
+    """Check that the limit of control that is known allows for the controls of a log.
+
+    Args:
+        log: checked.
+        limit: units of control, both ways or each; None where it is not known.
+
+    Raises:
+        UnusableLog: the log holds a control that lies clearly beyond it.
+    """
+    if limit is None:
+        return
+    if not isinstance(limit, ControlLimits):
+        limit = ControlLimits(-limit, limit)
+    beyond = BEYOND_LIMIT * max(abs(limit.lower), abs(limit.upper))
+    lowest, highest = float(np.min(log.controls)), float(np.max(log.controls))
+    for control, is_beyond in (
+        (highest, highest > limit.upper + beyond),
+        (lowest, lowest < limit.lower - beyond),
+    ):
+        if is_beyond:
+            raise UnusableLog(
+                "known/control_limit",
+                f"the log holds a control of {control:.6g}, beyond the limits of {limit.lower:g} "
+                f"and {limit.upper:g}: are both in the same unit?",
+            )
+
+
 def _check_time_step(time_step: float) -> None:
     if not LEAST_TIME_STEP <= time_step <= MOST_TIME_STEP:
+        unit = "are times in ms?" if time_step > MOST_TIME_STEP else "are times in another unit?"
         raise UnusableLog(
             "time_step",
-            f"{time_step:g} s lies beyond {LEAST_TIME_STEP:g} to {MOST_TIME_STEP:g} s; is it in "
-            "another unit?",
+            f"{time_step:g} s lies beyond {LEAST_TIME_STEP:g} to {MOST_TIME_STEP:g} s: {unit}",
         )
 
 
@@ -135,6 +170,14 @@ def _check_motion(log: Log) -> None:
     usual = max(float(np.quantile(np.delete(bends, _near(worst, bends.size)), 0.99)), 4.0 * noise)
     if bends[worst] > JUMP * usual:
         at = worst + 1 if abs(changes[worst + 1]) > abs(changes[worst]) else worst
+        left = changes.size - at
+        if left < LEAST_MOVING_STEPS and np.ptp(positions[: at + 1]) <= MOVES * noise:
+            # A break-away from rest jumps as well, and what follows it has not been recorded.
+            raise UnusableLog(
+                "positions",
+                f"too short: the machine moves in the last {left} of {changes.size} steps only; "
+                "record a few seconds of motion in each direction",
+            )
         raise UnusableLog(
             "positions",
             f"the position jumps from {positions[at]:.6g} to {positions[at + 1]:.6g} at index "

@@ -7,9 +7,9 @@ import pytest
 
 from app.planning.arrays import FloatArray
 from app.planning.identification.log import Log
-from app.planning.identification.log_checks import UnusableLog, checked_log
+from app.planning.identification.log_checks import UnusableLog, check_control_limit, checked_log
 from app.planning.plant.rollout import rollout
-from app.planning.plant.system import System
+from app.planning.plant.system import ControlLimits, System
 
 CONTROLS = np.tile(np.repeat([0.9, -0.4, -0.9, 0.4], 15), 3)
 STATES = rollout(System(), np.zeros(2), CONTROLS[np.newaxis])[0]
@@ -43,7 +43,16 @@ def changed(values: FloatArray, at: slice | int, to: Any) -> FloatArray:
         ({"positions": changed(POSITIONS, 100, 3.0)}, "positions", "jumps"),
         ({"positions": 1e3 * POSITIONS}, "positions", "another unit than m"),
         ({"positions": 1e-8 * POSITIONS}, "positions", "another unit than m"),
-        ({"time_step": 50.0}, "time_step", "in another unit"),
+        ({"time_step": 50.0}, "time_step", "are times in ms"),
+        ({"time_step": 1e-6}, "time_step", "in another unit"),
+        (
+            {
+                "controls": np.linspace(0.0, 0.9, 30),
+                "positions": np.concatenate([np.zeros(28), [2e-4, 5e-4]]),
+            },
+            "positions",
+            "too short: the machine moves in the last 2 of 29 steps only",
+        ),
         ({"velocities": 1e3 * VELOCITIES}, "velocities", "1e[+]03 times"),
         ({"velocities": VELOCITIES[::-1].copy()}, "velocities", "same axis"),
         ({"velocities": VELOCITIES[:100]}, "velocities", "100 velocities to 181 positions"),
@@ -87,3 +96,15 @@ def test_the_resolution_of_an_encoder_is_seen() -> None:
     assert counted.resolution == pytest.approx(2.5e-4)
     assert counted.position_noise >= 2.5e-4 / np.sqrt(12.0)
     assert Log(0.05, CONTROLS, POSITIONS).resolution == 0.0
+
+
+@pytest.mark.parametrize("limit", [0.5, ControlLimits(-0.5, 0.9), ControlLimits(-0.9, 0.8)])
+def test_controls_that_lie_beyond_the_limit_are_refused(limit: float | ControlLimits) -> None:
+    with pytest.raises(UnusableLog, match="the log holds a control of") as refusal:
+        check_control_limit(checked_log(0.05, CONTROLS, POSITIONS), limit)
+    assert refusal.value.field == "known/control_limit"
+
+
+@pytest.mark.parametrize("limit", [None, 0.9, 0.89, ControlLimits(-0.9, 2.0)])
+def test_controls_within_the_limit_are_not(limit: float | ControlLimits | None) -> None:
+    check_control_limit(checked_log(0.05, CONTROLS, POSITIONS), limit)

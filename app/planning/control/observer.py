@@ -71,13 +71,13 @@ class Observer(Options):
     """m/s, where velocities are measured."""
     position_step: Noise = 0.0
     """m: the resolution of an encoder, 0 for none; it adds its own noise."""
-    position_lag: Noise = 0.0
-    """s: measured positions are those of so long ago, at the velocity of now. Half a time step
-    where a control is held from sample to sample, as on machines; `POST /identify` tells it."""
     acceleration_noise: Noise = 0.02
     """m/s^2, of a time step: forces that the model does not know."""
     identification: Identification | None = field(default_factory=Identification)
     """What is learned of the model on the way; none: nothing."""
+    position_lag: Noise = 0.0
+    """s: measured positions are those of so long ago, at the velocity of now. Half a time step
+    where a control is held from sample to sample, as on machines; `POST /identify` tells it."""
 
     @property
     def position_std(self) -> float:

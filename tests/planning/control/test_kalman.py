@@ -270,7 +270,7 @@ def test_of_a_machine_that_moves_between_its_samples_it_is_told() -> None:
             )
             assert runs.final_errors[0] < 4e-4
             off.append(np.abs(runs.estimates[0, :, 0] - runs.states[0, :-1, 0]).mean())
-            moving += np.count_nonzero(runs.states[0, :, 1])
+            moving += int(np.count_nonzero(runs.states[0, :, 1]))
         return float(np.mean(off)), moving
 
     told, untold = off_and_moving(0.01), off_and_moving(0.0)

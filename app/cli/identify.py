@@ -43,6 +43,12 @@ NUMBER_OR_AUTO = "N|auto"
     metavar=NUMBER_OR_AUTO,
     help="Time steps that a control takes to the actuator.  [default: auto]",
 )
+@click.option(
+    "--position-lag",
+    metavar="S|auto",
+    help="Measured positions are those of so long ago: half a time step on most machines, 0 in "
+    "simulations that move as the plant does.  [default: auto]",
+)
 @click.option("--num-systems", type=int, help="Plants of the ensemble.  [default: 32]")
 @click.option("--seed", type=int, help="Decides every random draw.")
 @click.option(
@@ -160,11 +166,13 @@ def _request(
     if "direction_dependent" in given:
         by_word: dict[str, Any] = {"yes": True, "no": False}
         given["direction_dependent"] = by_word.get(given["direction_dependent"], "auto")
-    if given.get("delay_steps", "auto") != "auto":
-        try:
-            given["delay_steps"] = int(given["delay_steps"])
-        except ValueError:
-            raise Failure("--delay-steps: must be a number, or auto") from None
+    for name, number in (("delay_steps", int), ("position_lag", float)):
+        if given.get(name, "auto") != "auto":
+            try:
+                given[name] = number(given[name])
+            except ValueError:
+                option = name.replace("_", "-")
+                raise Failure(f"--{option}: must be a number, or auto") from None
     body = {**log, **given}
     try:
         return IdentifyRequest.model_validate(body)

@@ -42,6 +42,7 @@ def print_identification(
             "yes" if parameter.identifiable else "no",
         )
     table.add_row("delay", f"{answer.delay_steps}", "", "steps", "")
+    table.add_row("lag of positions", f"{answer.position_lag:.3g}", "", "s", "")
     console.print(table, highlight=False)
     fit = answer.fit
     console.print(

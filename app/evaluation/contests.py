@@ -13,7 +13,6 @@ from app.evaluation.question import Entrant
 from app.evaluation.statistics import percent
 from app.evaluation.suite import Claim, Parts
 from app.figures.style import BLACK, Look
-from app.planning.problem import DEFAULT_HORIZON
 from app.planning.uncertainty.uncertainty import FEW_MOTIONS
 
 SEARCH = Entrant("Plain search", DATASET_PRIOR.fields, Look(BLACK, "*", "-"))
@@ -33,14 +32,15 @@ class Contest(NamedTuple):
     on: str
     off_by: float
     """By how much friction may be off."""
-    horizon: int = DEFAULT_HORIZON
+    horizon: int | None = None
+    """Steps; None for what the service does by default."""
 
     def __str__(self) -> str:
         """Write it as a title has it."""
         off = f"friction off by up to {percent(self.off_by)}"
         if self.on == MACHINES:
             return f"random machines, {off}, shares of the reach"
-        steps = "" if self.horizon == DEFAULT_HORIZON else f", {self.horizon} steps"
+        steps = f", {self.horizon} steps" if self.horizon else ""
         return f"{off}{steps}, m"
 
     @property

@@ -32,6 +32,9 @@ class Recording:
     """m/s; None where velocities are not measured."""
     acceleration_noise: float = 0.0
     """m/s^2, white, on the mass itself."""
+    between_samples: bool = False
+    """Whether the mass moves on between samples, as a machine's does: then a position is that of
+    half a time step ago of the plant."""
     by_direction: bool = False
     """Whether Coulomb friction differs by direction."""
 
@@ -63,6 +66,8 @@ def record(recording: Recording, machine: System, seed: int, number: int) -> Ide
     plant = machine.plant._replace(control_gain=1.0)
     states = rollout_on(plant, np.array(REST), pushed[np.newaxis])[0]
     positions, velocities = states.T
+    if recording.between_samples:
+        positions = positions - 0.5 * machine.time_step * velocities
     positions = positions + recording.position_noise * rng.standard_normal(positions.size)
     measured = None
     if recording.velocity_noise is not None:

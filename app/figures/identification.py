@@ -1,5 +1,7 @@
 """The picture of an identification: what a plant predicts of a log, and the friction it has."""
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -31,6 +33,7 @@ def draw_identification(request: IdentifyRequest, answer: IdentifyResponse) -> F
         np.array(request.positions, dtype=np.float64),
         None if velocities is None else np.array(velocities, dtype=np.float64),
     ).delayed(answer.delay_steps)
+    log = replace(log, position_lag=answer.position_lag)
     fit = answer.fit
     noises = np.array([fit.acceleration_noise, fit.position_noise, fit.velocity_noise or 1.0])
     plant = answer.system.plant

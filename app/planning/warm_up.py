@@ -39,7 +39,7 @@ def make_bounded_plan() -> None:
 def weigh_log() -> None:
     """Say how likely a log of two steps is."""
     plants = Ensemble.of([_PROBLEM.system], _PROBLEM.initial_state)
-    record = Record(np.zeros(2), np.zeros(3), np.zeros(3), 1, 0.0, 1.0)
+    record = Record(np.zeros(2), np.zeros(3), np.zeros(3), 0.0, 1, 0.0, 1.0)
     log_likelihoods(plants.scenarios(_PROBLEM.target_state), np.ones((1, 3)), record, 1)
 
 

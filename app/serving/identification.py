@@ -114,6 +114,7 @@ class IdentificationService:
             "system": asdict(found.system),
             "parameters": [asdict(parameter) for parameter in found.parameters],
             "delay_steps": found.delay_steps,
+            "position_lag": found.position_lag,
             "systems": [asdict(system) for system in found.systems],
             "fit": asdict(found.quality),
             "warnings": list(found.warnings),

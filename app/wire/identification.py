@@ -114,6 +114,13 @@ class IdentifyRequest(Asked):
         "auto",
         description="Time steps that a control takes to the actuator; auto tries the first few.",
     )
+    position_lag: Annotated[float, Field(ge=0, le=MOST_TIME_STEP)] | Literal["auto"] = Field(
+        "auto",
+        description="Measured positions are those of so long ago, s, at most a time step: half a "
+        "step where a control is held from sample to sample and positions are read as it changes, "
+        "as on most machines; 0 where the log is a simulation's that moves as `system` does. auto "
+        "lets the log say which of the two.",
+    )
     num_systems: Annotated[int, Field(ge=1, le=MAX_SYSTEMS)] = Field(
         NUM_SYSTEMS, description="Plants of the ensemble."
     )
@@ -144,11 +151,12 @@ class IdentifyRequest(Asked):
     @property
     def question(self) -> Question:
         """What is asked, as the domain has it."""
-        by_direction, delay = self.direction_dependent, self.delay_steps
+        by_direction, delay, lag = self.direction_dependent, self.delay_steps, self.position_lag
         return Question(
             known=self.known.fields,
             by_direction=None if by_direction == "auto" else by_direction,
             delay_steps=None if delay == "auto" else delay,
+            position_lag=None if lag == "auto" else lag,
             num_systems=self.num_systems,
         )
 
@@ -211,6 +219,10 @@ class IdentifyResponse(WireModel):
     system: System = Field(description="The plant: what `/plan` takes.")
     parameters: list[ParameterReport] = Field(description="What was not known.")
     delay_steps: int
+    position_lag: float = Field(
+        description="Measured positions are those of so long ago, s; a controller's `observer` "
+        "takes it."
+    )
     systems: list[System] = Field(
         description="The ensemble, each as likely as another: what `uncertainty` takes."
     )

@@ -151,7 +151,7 @@ def test_what_comes_before_the_start_is_out_of_order(
     with opened(client) as session:
         told = session.ask(message)
         assert told["problem"] == "urn:breakaway:problem:out-of-order"
-        bad = session.ask(START | {"resume": {"version": 1}})
+        bad = session.ask(START | {"resume": {"version": 2}})
         assert bad["errors"][0]["pointer"] == "/resume/plan"
         assert session.ask(START)["type"] == "started"
 
@@ -193,7 +193,7 @@ def test_what_comes_with_a_control_is_asked_for(client: httpx.Client) -> None:
         session.ask(START | {"include": ["plan", "carry"]})
         told = session.ask(REST)
         assert told["plan"][0] == told["control"]
-        assert told["carry"]["version"] == 1
+        assert told["carry"]["version"] == 2
         assert "estimate" not in told
 
 

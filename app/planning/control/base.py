@@ -48,10 +48,12 @@ class Law(Options):
         )
         if observer is None:
             return settings
-        return settings._replace(
+        settings = settings._replace(
             observes=True,
             position_variance=observer.position_std**2,
             velocity_variance=observer.velocity_std**2,
             acceleration_noise=observer.acceleration_noise,
             rest_velocity=observer.rest_velocity(model),
         )
+        identification = observer.identification
+        return identification.within(settings, model) if identification else settings

@@ -17,7 +17,7 @@ from app.planning.control.memory import (
 )
 from app.planning.plant.system import LARGEST
 
-VERSION = 1
+VERSION = 2
 LOWER = np.tril_indices(NUM_ESTIMATED)
 ROUNDING = 1e-9
 """Relative: a covariance may be this far from having no negative variance."""

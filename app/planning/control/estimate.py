@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from app.planning.control.kalman import believed
+from app.planning.control.belief import believed
 from app.planning.control.memory import (
     BACKWARD,
     BIAS,

@@ -7,17 +7,16 @@ import math
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray
+from app.planning.control.belief import DOUBT, believed, bound_static, forget
 from app.planning.control.memory import (
     ACTING,
     BACKWARD,
-    BIAS,
     COULOMB,
     DAMPING,
     FORWARD,
     FROZEN,
     GAIN,
     LEAST,
-    MOST,
     NUM_ESTIMATED,
     POSITION,
     PUSHED,
@@ -35,74 +34,19 @@ FROZEN_STEPS = 3.0
 """For which nothing is learned after a push: it would be taken for friction (pitfall 4)."""
 PATIENCE = 10.0
 """Steps of a push, after which it is taken for an error of the model."""
-DOUBTED = 2.0
-"""By this factor the standard deviations of the parameters grow with each further step."""
+FORGIVEN = 0.25
+"""Steps of a push that each predicted step makes up for: what is wrong shows now and then."""
+DOUBTED, MOST_DOUBTED = 2.0, 64.0
+"""By this factor the standard deviations of the parameters grow with each further step; at most."""
 LEARNING = 3.0
 """Rest velocities, above which a motion tells of the parameters."""
-MOVING = 2.0
-"""Rest velocities, above which a mass has broken away."""
 REST_NOISE = 0.25
-"""Of the velocity that a step of full control adds: how well a mass is known to rest."""
-DOUBT = 2.0
-"""Standard deviations of the disturbing acceleration, by which a push may have been another."""
-HARDER = 1.1
-"""By this factor static friction exceeds a push that did not break it."""
-FEASIBLE = 0.97
-"""Of full control: more static friction is not believed in, or nothing would be tried."""
+"""Of the velocity that a step of full control adds: how well a mass is known to rest that might
+have been pushed beyond its static friction."""
 LEAST_FACTOR, GREATEST_FACTOR = 0.25, 4.0
 """As far as an estimate may go from the model's parameter."""
-STRONGEST_DAMPING = 0.95
-"""Of the velocity, in a step."""
 INITIAL_VELOCITY_STEPS = 10.0
 """Of full control, to the standard deviation of an initial velocity that is not measured."""
-
-
-@compiled
-def believed(model: Plant, memory: Memory, caution: float, rest_velocity: float) -> Plant:
-    """Return the model with what has been learned.
-
-    Its static friction is a share `caution` of the way between what it is at least and at most, but
-    such that full control overcomes it; its velocity threshold is `rest_velocity`, m/s.
-    """
-    mean = memory.mean
-    gain, bias = mean[GAIN] * model.control_gain, mean[BIAS]
-    push = gain * model.highest_control + bias
-    pull = -(gain * model.lowest_control + bias)
-    static_forward = _static(memory.statics[FORWARD], caution, push, model.static_forward)
-    static_backward = _static(memory.statics[BACKWARD], caution, pull, model.static_backward)
-    coulomb_forward = min(static_forward, mean[COULOMB] * model.coulomb_forward)
-    coulomb_backward = min(static_backward, mean[COULOMB] * model.coulomb_backward)
-    strongest = STRONGEST_DAMPING / model.time_step
-    weakens = model.stribeck_velocity > 0.0
-    return Plant(
-        static_forward,
-        static_backward,
-        coulomb_forward,
-        coulomb_backward,
-        min(strongest, mean[DAMPING] * model.damping_forward),
-        min(strongest, mean[DAMPING] * model.damping_backward),
-        static_forward if weakens else coulomb_forward,
-        static_backward if weakens else coulomb_backward,
-        model.stribeck_velocity,
-        bias,
-        gain,
-        model.lowest_control,
-        model.highest_control,
-        model.time_step,
-        rest_velocity,
-    )
-
-
-@compiled
-def _static(bounds: FloatArray, caution: float, push: float, modelled: float) -> float:
-    """Return what is believed of a static friction, m/s^2.
-
-    Where full control overcomes the model's, it is believed to overcome what was learned, too.
-    """
-    static: float = bounds[LEAST] + caution * (bounds[MOST] - bounds[LEAST])
-    if push > modelled:
-        static = min(static, FEASIBLE * push)
-    return static
 
 
 @compiled
@@ -118,19 +62,21 @@ def observe(
     """
     mean, registers = memory.mean, memory.registers
     if registers[STEPS] == 0.0:
+        forget(memory, model, settings, 1.0)
         _begin(position, velocity, memory, model, settings)
         return
     plant = believed(model, memory, 0.5, settings.rest_velocity)
     pushed = acceleration(registers[ACTING], plant)
+    bounds = memory.statics[FORWARD if pushed > 0.0 else BACKWARD]
     rested = abs(mean[VELOCITY]) < settings.rest_velocity
     if settings.observes:
-        _predict(registers[ACTING], memory, model, plant, settings)
+        stays = rested and abs(pushed) < bounds[LEAST] - DOUBT * settings.acceleration_noise
+        _predict(registers[ACTING], stays, memory, model, plant, settings)
         _correct(position, velocity, memory, model, settings)
     else:
         mean[POSITION], mean[VELOCITY] = position, velocity
     if rested and registers[FROZEN] == 0.0:
-        side = FORWARD if pushed > 0.0 else BACKWARD
-        _bound_static(abs(pushed), memory.mean[VELOCITY], memory.statics[side], model, settings)
+        bound_static(abs(pushed), mean[VELOCITY], bounds, model, settings)
 
 
 @compiled
@@ -154,18 +100,18 @@ def _full_step(model: Plant) -> float:
 
 @compiled
 def _predict(
-    control: float, memory: Memory, model: Plant, plant: Plant, settings: Settings
+    control: float, stays: bool, memory: Memory, model: Plant, plant: Plant, settings: Settings
 ) -> None:
     """Advance mean and covariance over a step with `control`.
 
     The next velocity's slopes by velocity and parameters are those of the step's kind; none where
-    the mass is stuck or stops.
+    the mass is stuck or stops. What surely `stays` at rest is as well known as what moves.
     """
     mean, covariance, time_step = memory.mean, memory.covariance, plant.time_step
     velocity = mean[VELOCITY]
     step = take_step(velocity, control, plant)
     slopes = (0.0, step.by_velocity, 0.0, 0.0, 0.0, 0.0)
-    noise = REST_NOISE * _full_step(model)
+    noise = time_step * settings.acceleration_noise if stays else REST_NOISE * _full_step(model)
     if step.kind in (BREAKING_AWAY, SLIDING):
         forward = step.direction > 0.0
         coulomb = model.coulomb_forward if forward else model.coulomb_backward
@@ -205,7 +151,12 @@ def _predict(
 def _correct(
     position: float, velocity: float, memory: Memory, model: Plant, settings: Settings
 ) -> None:
-    """Weigh the measurement against the prediction; a push teaches nothing of the model."""
+    """Weigh the measurement against the prediction; a push teaches nothing of the model.
+
+    Steps of a push are counted, and predicted ones make up for them slowly: where what was learned
+    is wrong, hops one way may be as predicted and those back may not. Beyond what a push lasts it
+    is forgotten, and learned anew from the next step on that is within what is thought possible.
+    """
     mean, covariance, registers = memory.mean, memory.covariance, memory.registers
     is_known = not math.isnan(velocity)
     gate = GATE * GATE
@@ -217,17 +168,22 @@ def _correct(
     if is_push:
         registers[FROZEN] = FROZEN_STEPS
         registers[PUSHED] += 1.0
-        covariance[VELOCITY, VELOCITY] += _full_step(model) ** 2
+        _let_push(_full_step(model), model.time_step, covariance)
     else:
         registers[FROZEN] = max(0.0, registers[FROZEN] - 1.0)
-        registers[PUSHED] = 0.0
     if registers[PUSHED] > PATIENCE:
-        # No push lasts so long: what was learned is wrong, or the model is worse than was said.
-        for i in range(GAIN, NUM_ESTIMATED):
-            for j in range(NUM_ESTIMATED):
-                covariance[i, j] *= DOUBTED
-                covariance[j, i] *= DOUBTED
-    learns = registers[FROZEN] == 0.0 and abs(mean[VELOCITY]) > LEARNING * settings.rest_velocity
+        if is_push:
+            # No push lasts so long: what was learned is wrong, or the model worse than was said.
+            doubt = min(MOST_DOUBTED, DOUBTED ** (registers[PUSHED] - PATIENCE - 1.0))
+            forget(memory, model, settings, doubt)
+            registers[FROZEN] = 1.0
+        else:
+            registers[PUSHED] = 0.0
+    elif registers[FROZEN] == 0.0:
+        registers[PUSHED] = max(0.0, registers[PUSHED] - FORGIVEN)
+    # Where too much friction is believed in, a hop that is seen was not predicted.
+    speed = max(abs(mean[VELOCITY]), abs(velocity)) if is_known else abs(mean[VELOCITY])
+    learns = registers[FROZEN] == 0.0 and speed > LEARNING * settings.rest_velocity
     # A mass that was thought to break away and did not tells of static friction alone.
     learns = learns and not (is_known and abs(velocity) < settings.rest_velocity)
     _update(POSITION, position, settings.position_variance, learns, mean, covariance)
@@ -235,6 +191,16 @@ def _correct(
         _update(VELOCITY, velocity, settings.velocity_variance, learns, mean, covariance)
     for parameter in (GAIN, COULOMB, DAMPING):
         mean[parameter] = min(GREATEST_FACTOR, max(LEAST_FACTOR, mean[parameter]))
+
+
+@compiled
+def _let_push(speed: float, time_step: float, covariance: FloatArray) -> None:
+    """Let a force that nothing is known of have changed the velocity by `speed`, m/s, in a step."""
+    variance = speed * speed
+    covariance[VELOCITY, VELOCITY] += variance
+    covariance[POSITION, VELOCITY] += time_step * variance
+    covariance[VELOCITY, POSITION] += time_step * variance
+    covariance[POSITION, POSITION] += time_step * time_step * variance
 
 
 @compiled
@@ -260,22 +226,3 @@ def _update(
         for j in range(i + 1):
             covariance[i, j] += gain[i] * total * gain[j] - gain[i] * row[j] - row[i] * gain[j]
             covariance[j, i] = covariance[i, j]
-
-
-@compiled
-def _bound_static(
-    pushed: float, velocity: float, bounds: FloatArray, model: Plant, settings: Settings
-) -> None:
-    """Narrow what static friction can be, by a push (m/s^2) that broke a resting mass away or not.
-
-    A noisy sensor does not tell that a mass has not moved at all: then only what is to be tried
-    next becomes more.
-    """
-    doubt = DOUBT * settings.acceleration_noise
-    if abs(velocity) > MOVING * settings.rest_velocity:
-        bounds[MOST] = max(bounds[LEAST], min(bounds[MOST], pushed + doubt))
-    elif abs(velocity) < settings.rest_velocity and pushed > bounds[LEAST]:
-        if pushed >= bounds[MOST]:
-            bounds[MOST] = HARDER * pushed
-        if settings.rest_velocity <= model.velocity_threshold:
-            bounds[LEAST] = max(bounds[LEAST], pushed - doubt)

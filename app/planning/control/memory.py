@@ -16,12 +16,12 @@ POSITION, VELOCITY, GAIN, COULOMB, DAMPING, BIAS = range(6)
 NUM_ESTIMATED = 6
 FORWARD, BACKWARD = 0, 1
 LEAST, MOST = 0, 1
-STEPS, PLAN_LENGTH, PLAN_AGE, PLAN_ERROR, INTEGRAL, ACTING, FROZEN, PUSHED, TARGET = range(9)
+STEPS, PLAN_LENGTH, PLAN_AGE, PLAN_ERROR, INTEGRAL, ACTING, FROZEN, PUSHED, TARGET, HELD = range(10)
 """Of `registers`: steps taken; of the plan, how long it is, how many of its controls have been sent
 and its terminal error (m); the integral of the error (m/s^2); the control that acts until the next
 measurement; steps for which nothing is learned yet; for how many a push has lasted; the position
-(m) that the plan is to."""
-NUM_REGISTERS = TARGET + 1
+(m) that the plan is to, or that the mass is held at; whether it is held there, 1 or 0."""
+NUM_REGISTERS = HELD + 1
 
 
 class Memory(NamedTuple):
@@ -36,7 +36,7 @@ class Memory(NamedTuple):
     statics: FloatArray
     """(2, 2): what static friction is at least and at most, forward and backward, m/s^2."""
     registers: FloatArray
-    """(9,)."""
+    """(10,)."""
 
     @classmethod
     def empty(cls) -> "Memory":

@@ -9,17 +9,7 @@ from typing import Annotated, TypeAlias
 
 from annotated_types import Ge, Le
 
-from app.planning.control.memory import (
-    BACKWARD,
-    BIAS,
-    COULOMB,
-    DAMPING,
-    FORWARD,
-    GAIN,
-    LEAST,
-    MOST,
-    Memory,
-)
+from app.planning.control.settings import Settings
 from app.planning.control.switching import least_hop
 from app.planning.options import Options
 from app.planning.plant.system import Plant
@@ -51,19 +41,21 @@ class Identification(Options):
     """Of the Coulomb friction: by so much an unknown bias, or a friction that differs by direction
     though the model's does not, may pull."""
 
-    def begin(self, memory: Memory, model: Plant) -> None:
-        """Set what is believed of the model's parameters before the first step."""
-        shares = (
-            (GAIN, self.control_gain),
-            (COULOMB, self.coulomb_friction),
-            (DAMPING, self.viscous_damping),
-            (BIAS, self.asymmetry * max(model.coulomb_forward, model.coulomb_backward)),
+    def within(self, settings: Settings, model: Plant) -> Settings:
+        """Return `settings` with what may be wrong with a `model`."""
+        friction = max(model.coulomb_forward, model.coulomb_backward)
+        return settings._replace(
+            gain_variance=_variance(self.control_gain),
+            coulomb_variance=_variance(self.coulomb_friction),
+            damping_variance=_variance(self.viscous_damping),
+            bias_variance=_variance(self.asymmetry * friction),
+            static_share=self.static_friction,
         )
-        for parameter, half_width in shares:
-            # The variance of a uniform distribution is a third of its half width's square.
-            memory.covariance[parameter, parameter] = half_width**2 / 3.0
-        memory.statics[:, LEAST] *= 1.0 - self.static_friction
-        memory.statics[:, MOST] *= 1.0 + self.static_friction
+
+
+def _variance(half_width: float) -> float:
+    """Return the variance of a uniform distribution: a third of its half width's square."""
+    return half_width**2 / 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,15 +97,3 @@ class Observer(Options):
     def dead_band(self) -> float:
         """How near to the target the sensor lets a controller come, m."""
         return max(LEAST_DEAD_BAND, DEAD_BANDS_NOISE * self.position_std)
-
-
-def begin(observer: Observer | None, model: Plant) -> Memory:
-    """Return the memory of a controller before its first step."""
-    memory = Memory.empty()
-    memory.mean[[GAIN, COULOMB, DAMPING]] = 1.0
-    memory.mean[BIAS] = model.bias
-    memory.statics[FORWARD] = model.static_forward
-    memory.statics[BACKWARD] = model.static_backward
-    if observer and observer.identification:
-        observer.identification.begin(memory, model)
-    return memory

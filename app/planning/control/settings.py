@@ -44,3 +44,12 @@ class Settings(NamedTuple):
     velocity_variance: float = 0.0
     acceleration_noise: float = 0.0
     rest_velocity: float = 0.0
+    # What may be wrong with the model, as an observer begins.
+    gain_variance: float = 0.0
+    """Of a factor, as the next two."""
+    coulomb_variance: float = 0.0
+    damping_variance: float = 0.0
+    bias_variance: float = 0.0
+    """(m/s^2)^2."""
+    static_share: float = 0.0
+    """Of its static friction."""

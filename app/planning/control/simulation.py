@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from app.planning.arrays import FloatArray
 from app.planning.control.base import Controller
-from app.planning.control.memory import MAX_PLAN, PLAN_LENGTH
-from app.planning.control.observer import Noise, begin
+from app.planning.control.memory import MAX_PLAN, PLAN_LENGTH, Memory
+from app.planning.control.observer import Noise
 from app.planning.control.runs import Runs
 from app.planning.control.settings import SEQUENCE, Settings
 from app.planning.control.stepping import Machine, Record, run
@@ -138,7 +138,7 @@ def simulate(
     states, measurements, controls, statuses, estimates = [], [], [], [], []
     for seed in seeds:
         drawn = _draw(machine, steps, np.random.default_rng(seed))
-        memory = begin(controller.observer, model)
+        memory = Memory.empty()
         if isinstance(controller, Controls):
             memory.plan[: controller.controls.size] = controller.controls
             memory.registers[PLAN_LENGTH] = controller.controls.size

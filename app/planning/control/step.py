@@ -13,8 +13,8 @@ import numpy as np
 
 from app.planning.arrays import FloatArray
 from app.planning.control.base import Controller
+from app.planning.control.belief import believed
 from app.planning.control.estimate import Estimate, estimate_of, system_of
-from app.planning.control.kalman import believed
 from app.planning.control.memory import (
     PLAN_AGE,
     PLAN_LENGTH,
@@ -23,7 +23,6 @@ from app.planning.control.memory import (
     VELOCITY,
     Memory,
 )
-from app.planning.control.observer import begin
 from app.planning.control.receding_horizon import ARRIVES
 from app.planning.control.settings import RECEDING_HORIZON, Settings
 from app.planning.control.stepping import Machine, Record, run
@@ -153,7 +152,7 @@ def control_step(
     measured = (measurement.position, math.nan if velocity is None else velocity)
     pending = np.asarray(pending_controls, dtype=np.float64)
     plants = NO_PLANTS if ensemble is None else ensemble.plants
-    before = memory or begin(controller.observer, nominal)
+    before = memory or Memory.empty()
     after = before.copy()
     record = _take(measured, pending, goal, nominal, settings, after, plants, stop)
     plant = believed(nominal, after, 1.0, settings.rest_velocity)

@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 
 from app.compilation import compiled
 from app.planning.arrays import FloatArray, IntArray
+from app.planning.control.belief import believed
 from app.planning.control.feedback import feedback_control, switching_control
-from app.planning.control.kalman import believed, observe
+from app.planning.control.kalman import observe
 from app.planning.control.memory import (
     ACTING,
+    HELD,
     INTEGRAL,
     PLAN_AGE,
     PLAN_ERROR,
@@ -37,6 +39,8 @@ from app.planning.uncertainty.ensemble import Scenarios, scenario
 
 MOVING, HOLDING, ARRIVED, UNREACHABLE = range(4)
 """What a step says of itself."""
+CERTAIN = 3.0
+"""Standard deviations of the estimated position."""
 
 
 class Machine(NamedTuple):
@@ -85,18 +89,31 @@ class Record(NamedTuple):
 
 
 @compiled
-def _is_at_rest_there(task: Task, settings: Settings) -> bool:
-    """Return whether a mass is to be held where it is, a control sequence apart."""
-    is_near = abs(task.target_position - task.position) < settings.dead_band
+def _is_held(task: Task, settings: Settings, memory: Memory) -> bool:
+    """Return whether a mass is to be held where it is; never by a control sequence.
+
+    It is once it rests in the dead band, and then until it moves, or is outside of it for certain:
+    an estimate at the edge would have it leave and come back without end.
+    """
+    if settings.kind == SEQUENCE:
+        return False
+    band = settings.dead_band
+    if memory.registers[HELD] > 0.0 and memory.registers[TARGET] == task.target_position:
+        band += CERTAIN * math.sqrt(max(0.0, memory.covariance[POSITION, POSITION]))
+    is_near = abs(task.target_position - task.position) < band
     return is_near and abs(task.velocity) < settings.rest_velocity
 
 
 @compiled
-def _choose(task: Task, steps_left: int, settings: Settings, memory: Memory) -> tuple[float, int]:
+def _choose(
+    task: Task, steps_left: int, is_held: bool, settings: Settings, memory: Memory
+) -> tuple[float, int]:
     """Return the control of a state, and the status; a plan that is due has been made."""
     plant, registers = task.plant, memory.registers
-    if _is_at_rest_there(task, settings) and settings.kind != SEQUENCE:
+    registers[HELD] = 1.0 if is_held else 0.0
+    if is_held:
         registers[PLAN_LENGTH], registers[PLAN_AGE], registers[INTEGRAL] = 0.0, 0.0, 0.0
+        registers[TARGET] = task.target_position
         return steady_control(plant), ARRIVED
     error = task.target_position - task.position
     control = steady_control(plant)
@@ -109,6 +126,12 @@ def _choose(task: Task, steps_left: int, settings: Settings, memory: Memory) -> 
         registers[PLAN_AGE] += 1.0
     control = min(plant.highest_control, max(plant.lowest_control, control))
     is_stuck = take_step(task.velocity, control, plant).kind == STUCK
+    if settings.kind == RECEDING_HORIZON and steps_left <= 0:
+        # Nothing is to be waited for: a plan that begins with rest would be made for ever.
+        while is_stuck and registers[PLAN_AGE] < registers[PLAN_LENGTH]:
+            control = memory.plan[int(registers[PLAN_AGE])]
+            registers[PLAN_AGE] += 1.0
+            is_stuck = take_step(task.velocity, control, plant).kind == STUCK
     status = HOLDING if is_stuck else MOVING
     if settings.kind == RECEDING_HORIZON:
         if is_stuck:
@@ -121,8 +144,8 @@ def _choose(task: Task, steps_left: int, settings: Settings, memory: Memory) -> 
 
 
 @compiled
-def _plan_is_due(task: Task, settings: Settings, memory: Memory) -> bool:
-    if settings.kind != RECEDING_HORIZON or _is_at_rest_there(task, settings):
+def _plan_is_due(task: Task, is_held: bool, settings: Settings, memory: Memory) -> bool:
+    if settings.kind != RECEDING_HORIZON or is_held:
         return False
     registers = memory.registers
     if registers[TARGET] != task.target_position:
@@ -175,12 +198,13 @@ def run(
             position, velocity = step(position, velocity, control, plant)
         task = Task(position, velocity, target, 0.0, plant)
         record.errors[k] = math.nan
-        if _plan_is_due(task, settings, memory):
+        is_held = _is_held(task, settings, memory)
+        if _plan_is_due(task, is_held, settings, memory):
             ensemble = _on_each(plants, memory, known, target)
             error = make_plan(task, steps_left, settings, memory, ensemble, stopped)
             record.errors[k] = memory.registers[PLAN_ERROR] = error
             memory.registers[TARGET] = target
-        control, record.statuses[k] = _choose(task, steps_left, settings, memory)
+        control, record.statuses[k] = _choose(task, steps_left, is_held, settings, memory)
         record.controls[k] = control
         memory.registers[ACTING] = known[0] if known.size > 0 else control
         memory.registers[STEPS] += 1.0

@@ -6,6 +6,7 @@ by direction, sample what else it may be, judge. Each step is in a file of its o
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product, starmap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,15 +25,17 @@ from app.planning.stop import NEVER, Stop
 
 MOST_DELAY = 8
 """Steps that are tried."""
-DELAYS_TRIED = 3
-"""Of them, those that are climbed for a little."""
-DELAYS_LEFT = 2
+LAGS = (0.0, 0.5)
+"""Of measured positions, in steps."""
+TRIED = 5
+"""Delays and lags that are climbed for a little."""
+LEFT = 3
 MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
 """Log-likelihoods that are no farther apart hardly tell two delays apart."""
-HEATS = (8, 100.0), (16, 30.0), (100, CLOSE)
-"""Of the delays that are left: generations of a search, and what log-likelihood the next one has to
+HEATS = (16, 100.0), (32, 50.0), (100, CLOSE)
+"""Of those that are left: generations of a search, and what log-likelihood the next one has to
 be in the lead by to be alone in it."""
 LEAST_MEASUREMENTS = 250
 APART_SECONDS = 0.08
@@ -57,6 +60,10 @@ class Question:
     """Whether frictions differ by direction; None to let the log say."""
     delay_steps: int | None = None
     """Of the actuator; None to let the log say."""
+    position_lag: float | None = None
+    """s: measured positions are those of so long ago; None to let the log say whether 0 or half a
+    time step. A control that is held from sample to sample moves a mass in a step by the mean of
+    the velocities before and after, the plant by that after: half a step of velocity more."""
     num_systems: int = 32
     """Of the ensemble."""
 
@@ -69,6 +76,11 @@ class Question:
         if self.delay_steps and log.num_steps - self.delay_steps < LEAST_STEPS:
             raise UnusableLog(
                 "delay_steps", f"of {log.num_steps} steps, too few are left after such a delay"
+            )
+        if self.position_lag is not None and not 0.0 <= self.position_lag <= log.time_step:
+            raise UnusableLog(
+                "position_lag",
+                f"{self.position_lag:g} s; from 0 to a time step, {log.time_step:g} s",
             )
         _space(log, self.known)
 
@@ -89,8 +101,8 @@ def identify(
         Stopped: it is not wanted any more.
     """
     stride = _stride(log)
-    delay, begun, rival = _delay(log, question, stride, rng, stop)
-    acting = log.delayed(delay)
+    (delay, lag), begun, rival = _timing(log, question, stride, rng, stop)
+    acting = replace(log.delayed(delay), position_lag=lag)
     fit = Fit.of(_space(acting, question.known), acting, stride, stop)
     likeliest = fit.settle(fit.climb(begun.best, begun.covariance, rng), rng)
     if question.by_direction is not False:
@@ -101,8 +113,9 @@ def identify(
     warnings = list(identified.warnings)
     if rival is not None:
         warnings.append(
-            f"a delay of {rival} steps explains the log nearly as well as one of {delay}: the gain "
-            "and the frictions are those of the delay that is given"
+            f"a delay of {rival:g} steps explains the log nearly as well as one of "
+            f"{delay + lag / log.time_step:g}: the gain and the frictions are those of the delay "
+            "that is given"
         )
     bias = next((each for each in identified.parameters if each.name == BIAS), None)
     if bias and bias.identifiable and not bias.interval[0] <= 0.0 <= bias.interval[1]:
@@ -114,7 +127,7 @@ def identify(
         warnings.append(
             "control_limit is the largest control in the log; say the machine's own as known"
         )
-    return replace(identified, delay_steps=delay, warnings=tuple(warnings))
+    return replace(identified, delay_steps=delay, position_lag=lag, warnings=tuple(warnings))
 
 
 def _stride(log: Log) -> int:
@@ -132,10 +145,19 @@ def _stride(log: Log) -> int:
     return stride
 
 
-class _Begun(NamedTuple):
-    """A delay that was tried."""
+class _Timing(NamedTuple):
+    """When what is measured answers to what was done."""
 
     delay: int
+    """Of the controls, steps."""
+    lag: float
+    """Of the positions, s."""
+
+
+class _Begun(NamedTuple):
+    """A timing that was tried."""
+
+    timing: _Timing
     fit: Fit
     start: FloatArray
     """(d,)."""
@@ -143,36 +165,39 @@ class _Begun(NamedTuple):
     """Of the start."""
 
 
-def _delay(
+def _timing(
     log: Log, question: Question, stride: int, rng: np.random.Generator, stop: Stop
-) -> tuple[int, Found, int | None]:
-    """Return the likeliest delay, how far a search for its plant got, and a delay nearly as likely.
+) -> tuple[_Timing, Found, float | None]:
+    """Return the likeliest timing, how far the search for its plant got, and a delay as likely.
 
     Raises:
         UnusableLog: what is known contradicts itself, or the log.
     """
+    step = log.time_step
     most = min(MOST_DELAY, log.num_steps // 10)
-    if question.delay_steps is None:
-        delays: Iterable[int] = range(most + 1)
-    else:
+    delays: Iterable[int] = range(most + 1)
+    if question.delay_steps is not None:
         most = question.delay_steps
         delays = [most]
+    lags = [share * step for share in LAGS]
+    if question.position_lag is not None:
+        lags = [question.position_lag]
     begun = []
-    for delay in delays:
-        delayed = log.delayed(delay, most)
-        space = _space(delayed, question.known)
-        fit = Fit.of(space, delayed, stride, stop)
-        starts = fit.starts(guesses(delayed, space.scale), delayed)
+    for timing in starmap(_Timing, product(delays, lags)):
+        timed = replace(log.delayed(timing.delay, most), position_lag=timing.lag)
+        space = _space(timed, question.known)
+        fit = Fit.of(space, timed, stride, stop)
+        starts = fit.starts(guesses(timed, space.scale), timed)
         values = fit.value(starts)
         best = int(np.argmax(values))
         if np.isfinite(values[best]):
-            begun.append(_Begun(delay, fit, starts[best], float(values[best])))
+            begun.append(_Begun(timing, fit, starts[best], float(values[best])))
     if not begun:
         raise UnusableLog("known", "no machine that is known to be so moves as in this log")
     begun.sort(key=lambda each: -each.value)
     racing = [
         (Found(each.start, each.value, each.start, each.fit.around(BROAD)), each)
-        for each in begun[:DELAYS_TRIED]
+        for each in begun[:TRIED]
     ]
     for generations, lead in HEATS:
         racing = [
@@ -181,11 +206,12 @@ def _delay(
         ]
         racing.sort(key=lambda one: -one[0].value)
         leading = racing[0][0].value
-        racing = [one for one in racing[:DELAYS_LEFT] if one[0].value > leading - lead]
+        racing = [one for one in racing[:LEFT] if one[0].value > leading - lead]
         if len(racing) == 1:
             break
     (found, first), *others = racing
-    return first.delay, found, others[0][1].delay if others else None
+    rivals = [each.timing.delay + each.timing.lag / step for _, each in others]
+    return first.timing, found, rivals[0] if rivals else None
 
 
 def _space(log: Log, known: Mapping[str, Any]) -> Space:

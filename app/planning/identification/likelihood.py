@@ -20,6 +20,8 @@ class Record(NamedTuple):
     """(N+1,), m."""
     velocities: FloatArray
     """(N+1,), m/s; (0,) where there are none."""
+    position_lag: float
+    """s: measured positions are those of so long ago."""
     stride: int
     """Of so many samples one is taken as a measurement."""
     initial_velocity: float
@@ -53,15 +55,20 @@ def log_likelihoods(
         plant = scenario(scenarios, s).plant
         noise, position_noise, velocity_noise = noises[s, 0], noises[s, 1], noises[s, 2]
         belief = started(
-            record.positions[0], position_noise, record.initial_velocity, record.initial_deviation
+            record.positions[0],
+            record.position_lag,
+            position_noise,
+            record.initial_velocity,
+            record.initial_deviation,
         )
         for k in range(num_steps):
             belief = predict(belief, record.controls[k], plant, noise)
             block = k * num_blocks // num_steps
             if (k + 1) % record.stride == 0:
-                error = record.positions[k + 1] - mean_state(belief)[0]
-                result[s, 2, block] += error * error
-                belief, likely = update_position(belief, record.positions[k + 1], position_noise)
+                measured, lag = record.positions[k + 1], record.position_lag
+                position, velocity = mean_state(belief)
+                result[s, 2, block] += (measured - (position - lag * velocity)) ** 2
+                belief, likely = update_position(belief, measured, position_noise, lag)
                 result[s, 0, block] += likely
                 if with_velocities:
                     measured = record.velocities[k + 1]

@@ -4,6 +4,7 @@ What cannot be a log of one machine in motion is refused in log_checks.py; what 
 that can be is for the others to say.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,8 @@ WINDOW_STARTS = 3
 """Steps over which the velocity at the start is looked at."""
 NORMAL_MEDIAN = 0.6745
 """Of the absolute values of a normal distribution, in standard deviations."""
+WHOLE = 0.01
+"""Off a whole number of counts by less than that is no farther than digits go."""
 FLOOR = 1e-7
 """Of the range of the positions: no sensor is taken for better."""
 
@@ -35,6 +38,8 @@ class Log:
     """(N+1,), m."""
     velocities: FloatArray | None = None
     """As many as positions, m/s."""
+    position_lag: float = 0.0
+    """s: measured positions are those of so long ago, less the velocity for that time."""
 
     @property
     def num_steps(self) -> int:
@@ -60,8 +65,20 @@ class Log:
 
     @property
     def least_noise(self) -> float:
-        """m."""
-        return FLOOR * float(np.ptp(self.positions))
+        """Of positions that are whole numbers of an encoder's counts, and of any other: m."""
+        return max(self.resolution / math.sqrt(12.0), FLOOR * float(np.ptp(self.positions)))
+
+    @property
+    def resolution(self) -> float:
+        """What all positions are a multiple apart of, m; 0 if there is no such step."""
+        steps = np.diff(np.unique(self.positions))
+        if not steps.size:
+            return 0.0
+        # What a decimal number is off by must not pass for a step.
+        smallest = float(np.min(steps, where=steps > FLOOR * steps.max(), initial=np.inf))
+        counts = steps / smallest
+        is_whole = np.abs(counts - np.round(counts)) < WHOLE
+        return smallest if smallest > FLOOR * np.ptp(self.positions) and is_whole.all() else 0.0
 
     def delayed(self, delay_steps: int, skipped: int | None = None) -> "Log":
         """Return the log as one whose controls act at once, where they act so many steps later.
@@ -94,6 +111,7 @@ class Log:
             np.zeros(0)
             if self.velocities is None
             else np.ascontiguousarray(self.velocities, dtype=np.float64),
+            self.position_lag,
             stride,
             float(velocity),
             float(noise + 0.3 * fastest),

@@ -20,16 +20,19 @@ logarithm): one wrong sample must not outweigh a thousand."""
 
 
 @inlined
-def update_position(belief: Belief, measured: float, noise: float) -> tuple[Belief, float]:
+def update_position(
+    belief: Belief, measured: float, noise: float, lag: float
+) -> tuple[Belief, float]:
     """Return the belief once a position was measured, and the measurement's log-likelihood.
 
     Args:
         belief: before.
-        measured: m.
+        measured: m, where the mass was `lag` ago at its velocity of now.
         noise: standard deviation of the measurement, m.
+        lag: s.
     """
-    rest, rest_likely = _at_position(belief.rest, measured, noise)
-    sliding, sliding_likely = _at_position(belief.sliding, measured, noise)
+    rest, rest_likely = _at_position(belief.rest, measured, noise, lag)
+    sliding, sliding_likely = _at_position(belief.sliding, measured, noise, lag)
     return _weighed(rest, rest_likely, sliding, sliding_likely)
 
 
@@ -48,22 +51,26 @@ def update_velocity(belief: Belief, measured: float, noise: float) -> tuple[Beli
 
 
 @inlined
-def _at_position(mode: Mode, measured: float, noise: float) -> tuple[Mode, float]:
+def _at_position(mode: Mode, measured: float, noise: float, lag: float) -> tuple[Mode, float]:
     """Return a mode once a position was measured, and the measurement's log-likelihood."""
     if mode.probability == 0.0:
         return mode, 0.0
-    variance = mode.position_variance + noise * noise
-    innovation = measured - mode.position
+    # Covariances of position and velocity with what is measured, before its noise.
+    of_position = mode.position_variance - lag * mode.covariance
+    of_velocity = mode.covariance - lag * mode.velocity_variance
+    variance = of_position - lag * of_velocity + noise * noise
+    innovation = measured - (mode.position - lag * mode.velocity)
     inverse = 1.0 / variance
-    gain, gain_of_velocity = mode.position_variance * inverse, mode.covariance * inverse
+    gain, gain_of_velocity = of_position * inverse, of_velocity * inverse
+    left = mode.velocity_variance - gain_of_velocity * of_velocity
     return (
         Mode(
             mode.probability,
             mode.position + gain * innovation,
             mode.velocity + gain_of_velocity * innovation,
-            gain * noise * noise,
-            gain_of_velocity * noise * noise,
-            mode.velocity_variance - gain_of_velocity * mode.covariance,
+            gain * noise * noise + lag * (mode.covariance - gain * of_velocity),
+            gain_of_velocity * noise * noise + lag * left,
+            left,
         ),
         _log_density(innovation * innovation * inverse, variance),
     )

@@ -54,7 +54,7 @@ class Windows:
     starts: IntArray
     """(W,), indices of samples."""
     positions: FloatArray
-    """(W, H+1), predicted, m."""
+    """(W, H+1), as they would be measured, m."""
     errors: FloatArray
     """(W, H+1): predicted less measured, m."""
     moved: FloatArray
@@ -78,7 +78,8 @@ class Windows:
         # The belief after step k is that at sample k+1.
         states = np.column_stack([believed.positions[starts - 1], believed.velocities[starts - 1]])
         samples = starts[:, np.newaxis] + np.arange(steps + 1)
-        positions = rollout_on(plant, states, log.controls[samples[:, :-1]])[:, :, 0]
+        states = rollout_on(plant, states, log.controls[samples[:, :-1]])
+        positions = states[:, :, 0] - log.position_lag * states[:, :, 1]
         measured = log.positions[samples]
         return cls(starts, positions, positions - measured, measured[:, -1] - measured[:, 0])
 

@@ -50,11 +50,14 @@ class Cut(NamedTuple):
 
 
 @inlined
-def started(position: float, position_noise: float, velocity: float, deviation: float) -> Belief:
+def started(
+    position: float, lag: float, position_noise: float, velocity: float, deviation: float
+) -> Belief:
     """Return the belief of a mass that rests or slides, as likely the one as the other.
 
     Args:
         position: as measured, m.
+        lag: s, how long before.
         position_noise: standard deviation of the measurement, m.
         velocity: m/s, roughly.
         deviation: m/s, how rough that is.
@@ -62,7 +65,14 @@ def started(position: float, position_noise: float, velocity: float, deviation: 
     variance = position_noise * position_noise
     return Belief(
         Mode(0.5, position, 0.0, variance, 0.0, 0.0),
-        Mode(0.5, position, velocity, variance, 0.0, deviation * deviation),
+        Mode(
+            0.5,
+            position + lag * velocity,
+            velocity,
+            variance + lag * lag * deviation * deviation,
+            lag * deviation * deviation,
+            deviation * deviation,
+        ),
     )
 
 

@@ -63,6 +63,8 @@ class Identification:
     """What to record next."""
     warnings: tuple[str, ...] = ()
     delay_steps: int = 0
+    position_lag: float = 0.0
+    """s: positions were measured so long before."""
 
 
 def judge(

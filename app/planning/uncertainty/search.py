@@ -14,6 +14,7 @@ from app.planning.refining.refinement import Refined
 from app.planning.stop import NEVER, Stop
 from app.planning.uncertainty.descent import descend_risk
 from app.planning.uncertainty.motions import draw_motions
+from app.planning.uncertainty.rests import without_idle_pushes
 from app.planning.uncertainty.uncertainty import FINISHED, NUM_FEW, STAGES, Uncertainty
 
 
@@ -28,7 +29,8 @@ def refine_robustly(
 
     Candidates and drawn motions are ranked by their mean squared error on a few plants; the best
     descend it for a few steps, the best of these for some more. What is left descends on all
-    plants, extreme ones too, and the best of it the risk itself. No candidate is lost to a worse
+    plants, extreme ones too, and the best of it the risk itself, and it does not push a mass that
+    rests. No candidate is lost to a worse
     one, so the best risk is never above that of any candidate.
 
     Args:
@@ -43,6 +45,8 @@ def refine_robustly(
     """
     plan, rollouts = _search(problem, refined.controls, uncertainty, rng, stop)
     stop.check()
+    plan = without_idle_pushes(plan, uncertainty.refined_on, problem.system.plant)
+    rollouts += 2 * len(uncertainty.refined_on)
     risks = uncertainty.risks(refined.controls, problem.target_state)
     (risk,) = uncertainty.risks(plan[np.newaxis], problem.target_state)
     rollouts += refined.rollouts + (len(risks) + 1) * len(uncertainty.ensemble)

@@ -1,5 +1,7 @@
 """Logs of the paper's plant and its like, for tests."""
 
+import math
+
 import numpy as np
 
 from app.evaluation.logs import Recording, draw_machine, record
@@ -36,3 +38,31 @@ def truth(system: System, name: str) -> float:
     field, _, way = name.partition(".")
     value = getattr(system, field)
     return float(getattr(value, way or "forward") if isinstance(value, ByDirection) else value)
+
+
+SUBSTEPS = 200
+
+
+def positions_between_samples(system: System, controls: FloatArray) -> FloatArray:
+    """Where a mass of equal frictions both ways is at each sample (N+1,), m, by Newton's law.
+
+    It moves on between the samples, under a control that is held, as a machine does and the plant
+    does not: the velocity of a step is the mean of those before and after.
+    """
+    plant, step = system.plant, system.time_step / SUBSTEPS
+    position = velocity = 0.0
+    positions = [position]
+    for control in controls.tolist():
+        force = plant.control_gain * control + plant.bias
+        for _ in range(SUBSTEPS):
+            if velocity == 0.0 and abs(force) <= plant.static_forward:
+                break
+            way = velocity if velocity != 0.0 else force
+            friction = math.copysign(plant.coulomb_forward, way)
+            after = velocity + step * (force - friction - plant.damping_forward * velocity)
+            if after * way <= 0.0:
+                after = 0.0
+            position += 0.5 * step * (velocity + after)
+            velocity = after
+        positions.append(position)
+    return np.array(positions)

@@ -17,7 +17,12 @@ from app.planning.identification.verdict import Identification
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import ByDirection, System
 from app.planning.stop import Stop, Stopped
-from tests.planning.identification.recordings import log_of, recorded, truth
+from tests.planning.identification.recordings import (
+    log_of,
+    positions_between_samples,
+    recorded,
+    truth,
+)
 
 LIMIT = {"control_limit": 0.9}
 SLIDING = ("control_gain", "coulomb_friction", "viscous_damping", "bias")
@@ -49,7 +54,28 @@ def test_a_noiseless_plant_is_recovered(system: System) -> None:
             assert parameter.value == pytest.approx(truth(system, parameter.name), abs=1e-6)
         else:
             assert parameter.value == pytest.approx(truth(system, parameter.name), abs=0.05)
-    assert identified.delay_steps == 0
+    assert (identified.delay_steps, identified.position_lag) == (0, 0.0)
+
+
+COUNT = 1e-4
+"""Of an encoder, m."""
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_machine_moves_between_its_samples(seed: int) -> None:
+    machine = System(1.28, 1.02, 0.4, control_gain=0.45, control_limit=8.0, time_step=0.02)
+    controls = excitation(machine)
+    positions = positions_between_samples(machine, controls)
+    log = checked_log(machine.time_step, controls, COUNT * np.round(positions / COUNT), None)
+
+    identified = found(log, seed, known={"control_limit": 8.0})
+
+    assert (identified.delay_steps, identified.position_lag) == (0, 0.01)
+    for parameter in identified.parameters:
+        assert parameter.value == pytest.approx(truth(machine, parameter.name), rel=0.01, abs=2e-3)
+    assert identified.quality.end_error_rms < 1e-3
+    # Without the lag what positions say of the motion cannot be right.
+    assert found(log, seed, position_lag=0.0).quality.end_error_rms > 3e-3
 
 
 def covered(machine: System, identified: Identification) -> list[bool]:
@@ -106,6 +132,8 @@ def test_the_delay_is_found_and_may_be_known() -> None:
     log = log_of(System(), pushes(400), 1e-4, delay_steps=2)
     assert found(log).delay_steps == 2
     assert found(log, delay_steps=2).delay_steps == 2
+    with pytest.raises(UnusableLog, match="from 0 to a time step"):
+        Question(position_lag=0.06).check(log)
     # One sample less moves the gain.
     wrong = found(log, delay_steps=1)
     assert abs(wrong.system.control_gain - 1.0) > 0.02

@@ -91,6 +91,13 @@ def test_the_noise_is_seen_beside_the_motion(noise: float) -> None:
     assert log.position_noise == pytest.approx(noise, rel=0.4)
 
 
+def test_the_resolution_of_an_encoder_is_seen() -> None:
+    counted = Log(0.05, CONTROLS, 2.5e-4 * np.round(POSITIONS / 2.5e-4))
+    assert counted.resolution == pytest.approx(2.5e-4)
+    assert counted.position_noise >= 2.5e-4 / np.sqrt(12.0)
+    assert Log(0.05, CONTROLS, POSITIONS).resolution == 0.0
+
+
 @pytest.mark.parametrize("limit", [0.5, ControlLimits(-0.5, 0.9), ControlLimits(-0.9, 0.8)])
 def test_controls_that_lie_beyond_the_limit_are_refused(limit: float | ControlLimits) -> None:
     with pytest.raises(UnusableLog, match="the log holds a control of") as refusal:

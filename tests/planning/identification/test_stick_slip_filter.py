@@ -84,14 +84,18 @@ def test_a_mass_that_may_stop_stops_as_often_as_by_brute_force(velocity: float) 
 def test_a_measurement_weighs_as_kalman_has_it() -> None:
     covariance = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
     belief = Belief(NOWHERE, Mode(1.0, 0.1, 0.2, 4e-4, 1e-4, 9e-4))
-    for update, row, measured in ((update_position, 0, 0.13), (update_velocity, 1, 0.15)):
-        seen = np.eye(2)[row]
+    lag = 0.025
+    for update, more, seen, measured in (
+        (update_position, (0.0,), np.array([1.0, 0.0]), 0.13),
+        (update_position, (lag,), np.array([1.0, -lag]), 0.13),
+        (update_velocity, (), np.array([0.0, 1.0]), 0.15),
+    ):
         variance = seen @ covariance @ seen + 0.01**2
         gain = covariance @ seen / variance
         mean = np.array([0.1, 0.2]) + gain * (measured - seen @ [0.1, 0.2])
         left = covariance - np.outer(gain, seen @ covariance)
 
-        after, log_likelihood = update(belief, measured, 0.01)
+        after, log_likelihood = update(belief, measured, 0.01, *more)
 
         mode = after.sliding
         np.testing.assert_allclose([mode.position, mode.velocity], mean)
@@ -115,7 +119,7 @@ def test_a_belief_stays_one_whatever_is_measured(
     belief = Belief(Mode(0.5, 0.0, 0.0, 1e-6, 0.0, 0.0), Mode(0.5, 0.0, 0.1, 1e-6, 0.0, 1e-2))
     for control, measured in steps:
         belief = predict(belief, control, plant, noise)
-        belief, log_likelihood = update_position(belief, measured, 1e-2)
+        belief, log_likelihood = update_position(belief, measured, 1e-2, 0.025)
         rest, sliding = belief
         assert rest.probability + sliding.probability == pytest.approx(1.0)
         assert np.isfinite(log_likelihood)

@@ -13,7 +13,6 @@ from app.failure import Failure
 from app.settings_options import read_settings
 
 if TYPE_CHECKING:
-    from app.planning.plant.system import System
     from app.wire.identification import IdentifyRequest, IdentifyResponse
 
 COLUMN: dict[str, Any] = {"metavar": "NAME[:UNIT]"}
@@ -77,7 +76,13 @@ NUMBER_OR_AUTO = "N|auto"
     type=click.File("rb"),
     metavar="SYSTEM.json",
     help="Instead of all this write controls to identify a machine by, which is roughly that of "
-    "the file, as CSV to standard output.",
+    "the file, as CSV to standard output, and say how far they move it.",
+)
+@click.option(
+    "--stroke",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="M",
+    help="With --excitation: travel that there is, m; shorter pushes stay within it.",
 )
 def identify(
     log_file: Path | None,
@@ -90,6 +95,7 @@ def identify(
     json_file: Path | None,
     picture: Path,
     excitation: Any,
+    stroke: float | None,
     **fields: Any,
 ) -> None:
     """Identify a machine from a log, and say how sure that is.
@@ -105,13 +111,16 @@ def identify(
     """
     from rich.console import Console
 
+    from app.cli.excitation import write_excitation
     from app.cli.files import check_picture_format, write_picture
     from app.cli.identify_table import print_identification, print_written
     from app.cli.log_file import read_log
 
     if excitation is not None:
-        click.echo(_excitation(_system_of(excitation.read())))
+        write_excitation(excitation.read(), stroke)
         return
+    if stroke is not None:
+        raise click.UsageError("--stroke is for --excitation.")
     if log_file is None:
         raise click.UsageError("There must be a LOG, or --excitation with a system.")
     check_picture_format(picture)
@@ -216,35 +225,3 @@ def _parse(option: str, text: bytes) -> Any:
         return parse_json(text)
     except (UnreadableJson, InvalidParts) as error:
         raise Failure(f"{option}: {error}") from None
-
-
-def _system_of(text: bytes) -> "System":
-    """Return the system of a file: of a request that has one, or as it is.
-
-    Raises:
-        Failure: it has none.
-    """
-    from pydantic import TypeAdapter, ValidationError
-
-    from app.planning.plant.system import System
-
-    parsed = _parse("--excitation", text)
-    if isinstance(parsed, dict):
-        parsed = parsed.get("system", parsed)
-    try:
-        return TypeAdapter(System).validate_python(parsed)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = "/".join(map(str, first["loc"]))
-        raise Failure(f"--excitation: {where}: {first['msg']}") from None
-
-
-def _excitation(system: "System") -> str:
-    """Return controls as CSV: time (s), control."""
-    from app.planning.identification.excitation import excitation
-
-    rows = (
-        f"{system.time_step * k:.6g},{control:.6g}"
-        for k, control in enumerate(excitation(system).tolist())
-    )
-    return "\n".join(["time_s,control", *rows])

@@ -3,10 +3,14 @@
 The ranges stand once, in the annotations: the service's schemas read them there too.
 """
 
+import ast
 import math
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
+from inspect import cleandoc, getsource
+from itertools import pairwise
+from textwrap import dedent
 from typing import Any, get_args, get_type_hints
 
 from annotated_types import BaseMetadata, Ge, Gt, Interval, Le, Lt
@@ -30,6 +34,19 @@ class Options:
     ) -> dict[str, Any]:
         """Let a dict stand for the dataclass, as JSON has it; what is in it is checked strictly."""
         return build(source) | {"strict": False}
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: dict[str, Any], describe: Any
+    ) -> dict[str, Any]:
+        """Describe fields that are inherited, too: Pydantic reads a class's own docstrings only."""
+        schema: dict[str, Any] = describe(core_schema)
+        properties = describe.resolve_ref_schema(schema).get("properties", {})
+        for base in cls.__mro__[1:-1]:
+            for name, text in _attribute_docstrings(base).items():
+                if name in properties:
+                    properties[name].setdefault("description", text)
+        return schema
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -72,6 +89,22 @@ def check_ranges(options: object) -> None:
                     raise ValueError(f"{name} must be less than {bound}")
                 case Le(bound) if not value <= bound:
                     raise ValueError(f"{name} must be at most {bound}")
+
+
+@cache
+def _attribute_docstrings(options: type) -> dict[str, str]:
+    """Return what stands below each field of a class."""
+    (definition,) = ast.parse(dedent(getsource(options))).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        field.target.id: cleandoc(below.value.value)
+        for field, below in pairwise(definition.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(below, ast.Expr)
+        and isinstance(below.value, ast.Constant)
+        and isinstance(below.value.value, str)
+    }
 
 
 @cache

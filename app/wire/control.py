@@ -89,8 +89,12 @@ class Fallback(Asked):
     """Another way to plan, where no plan of the receding horizon's own arrives."""
 
     method: MethodField
-    num_candidates: Annotated[int, Field(ge=1)] = 16
-    refine: RefineField = None
+    num_candidates: Annotated[int, Field(ge=1)] = Field(
+        16, description="Candidates that are rolled out and ranked."
+    )
+    refine: RefineField = Field(
+        None, description="Descend from the candidates to a plan that arrives: true, or options."
+    )
 
 
 class ControlRequest(Asked):
@@ -116,7 +120,11 @@ class ControlRequest(Asked):
         "control that is asked for; without them, and at 0, as early as possible.",
     )
     pending_controls: PendingControls = Field([])
-    carry: Carry | None = Field(None)
+    carry: Carry | None = Field(
+        None,
+        description="What the last step's answer gave, as it came: plan, observer and estimate. "
+        "Without it nothing was learned so far, as in a first step.",
+    )
     uncertainty: Ensemble | None = Field(None, description=PLANNED_FOR)
     fallback: Fallback | None = Field(
         None,

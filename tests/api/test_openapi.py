@@ -13,6 +13,7 @@ from app.main import create_app
 from app.settings import Settings
 from tests.served import serving, wait_until_ready
 
+CONTROLLERS = ["RecedingHorizon", "PD", "PID", "PDFeedforward", "TimeOptimalLaw", "Observer"]
 KEY = "a-key-that-is-long-enough"
 SMALL = Settings(
     max_candidates=64,
@@ -52,3 +53,10 @@ def test_every_answer_is_one_that_the_page_documents(
         headers={"Authorization": f"Bearer {KEY}"},
         excluded_checks=excluded,
     )
+
+
+@pytest.mark.parametrize("options", [*CONTROLLERS, "ControlRequest"])
+def test_every_option_of_a_controller_is_described(options: str) -> None:
+    schema = create_app(SMALL).openapi()["components"]["schemas"][options]
+    for name, field in schema["properties"].items():
+        assert name == "name" or field["description"], name

@@ -1,6 +1,7 @@
 """`breakaway identify` as a user runs it: files of every kind, and what is wrong with them."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -187,6 +188,20 @@ def test_it_writes_controls_to_identify_a_machine_by(tmp_path: Path, text: str) 
     controls = np.array([float(row.split(",")[1]) for row in rows])
     assert np.abs(controls).max() <= 2
     assert controls.min() < 0 < controls.max()
+    assert re.search(r"the mass goes from -?[\d.]+ to [\d.]+ m", done.stderr)
+
+
+def test_controls_stay_within_a_stroke(tmp_path: Path) -> None:
+    path = tmp_path / "rough.json"
+    path.write_text('{"control_limit": 2}')
+    within = ("identify", "--excitation", str(path), "--stroke")
+    done = invoke(*within, "0.5")
+    assert done.exit_code == 0, done.stderr
+    assert len(done.stdout) < len(invoke(*within, "5").stdout)
+    done = invoke(*within, "0.0001")
+    assert done.exit_code == 1
+    assert "--stroke: the shortest controls that tell anything take" in done.stderr
+    assert invoke("identify", "log.csv", "--stroke", "1").exit_code == 2
 
 
 def test_a_system_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -74,3 +74,31 @@ def test_what_is_read_from_a_request_keeps_to_the_same_ranges(options: dict[str,
 
     with pytest.raises(ValidationError):
         adapter.validate_python(options)
+
+
+@dataclass(frozen=True, slots=True)
+class Base(Options):
+    given: float = 0.0
+    """From above,
+    over two lines."""
+    changed: float = 0.0
+    """From above."""
+    bare: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Derived(Base):
+    changed: float = 1.0
+    """Its own."""
+    own: float = 0.0
+    """Its own."""
+
+
+def test_a_schema_describes_fields_as_the_class_that_they_come_from() -> None:
+    properties = TypeAdapter(Derived).json_schema()["properties"]
+    assert {name: field.get("description") for name, field in properties.items()} == {
+        "given": "From above,\nover two lines.",
+        "changed": "Its own.",
+        "bare": None,
+        "own": "Its own.",
+    }

@@ -63,7 +63,7 @@ def _fastest(
             network = build(checkpoint, threads)
             _check_agreement(network, checkpoint)
         except AnotherNetwork as error:
-            log.info("%s runs as TorchScript: %s", name, error)
+            log.debug("%s runs as TorchScript: %s", name, error)
         except UnsuitableNetwork as error:
             # A GPU is no reason to worry.
             level = logging.WARNING if checkpoint.device.type == "cpu" else logging.DEBUG

@@ -31,7 +31,7 @@ class CompiledNetwork:
             raise UnsuitableNetwork("the kernel is for CPUs")
         unet, parameters = checkpoint.script, checkpoint.script.state_dict()
         if not any(name.startswith(BLOCKS) for name in parameters):
-            raise AnotherNetwork("it has none of the U-Net's residual blocks")
+            raise AnotherNetwork("it is another network than the U-Net, which alone is compiled")
         if checkpoint.horizon % LENGTH_MULTIPLE:
             raise UnsuitableNetwork(
                 f"its horizon {checkpoint.horizon} is not a multiple of {LENGTH_MULTIPLE}"

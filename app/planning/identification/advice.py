@@ -1,6 +1,7 @@
 """In words: why a parameter cannot be told from a log, and what to record so that it can."""
 
 from app.planning.identification.estimate import Parameter
+from app.planning.identification.log import Log
 from app.planning.identification.motion import Motion
 from app.planning.identification.parameters import (
     BIAS,
@@ -10,13 +11,31 @@ from app.planning.identification.parameters import (
     STATIC,
     Scale,
 )
+from app.planning.identification.starts import guesses, scale_of
 
 UNCERTAIN = 0.25
 """Half of an interval over the value: a gain or friction beyond that is not told."""
 NEGLIGIBLE = 0.05
 """Of what controls do to the mass: an acceleration that is known to within that is told."""
+SHIFTS = range(0, 9, 2)
+"""Steps by which controls are moved back against positions, as if there were less delay."""
 ALIKE = 2.0
 """Fast over slow: speeds nearer to each other do not tell Coulomb friction from damping."""
+
+
+def is_reversed(log: Log) -> bool:
+    """Return whether in a log a positive control pushes backward, by least squares on its windows.
+
+    Only guesses of a positive gain are made, so there are more of them with the true sign. With the
+    wrong one the delay that explains most is another: some are tried back.
+    """
+    scale, as_it_is, turned = scale_of(log), 0, 0
+    for shift in SHIFTS:
+        samples = len(log.positions) - shift
+        controls, positions = log.controls[shift:], log.positions[:samples]
+        as_it_is += len(guesses(Log(log.time_step, controls, positions), scale))
+        turned += len(guesses(Log(log.time_step, -controls, positions), scale))
+    return turned > as_it_is
 
 
 def why_not_told(

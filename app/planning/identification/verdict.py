@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.planning.arrays import BoolArray, FloatArray
-from app.planning.identification.advice import advise
+from app.planning.identification.advice import advise, is_reversed
 from app.planning.identification.estimate import Parameter
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import Fit
@@ -127,7 +127,7 @@ def judge(
         quality=quality,
         windows=windows,
         advice=advise(parameters, motion),
-        warnings=tuple(_warnings(quality, overall, motion)),
+        warnings=tuple(_warnings(quality, overall, motion, log)),
     )
 
 
@@ -193,13 +193,18 @@ def _limits(plant: Plant) -> float | ControlLimits:
     return highest if lowest == -highest else ControlLimits(lowest, highest)
 
 
-def _warnings(quality: Quality, overall: float, motion: Motion) -> list[str]:
+def _warnings(quality: Quality, overall: float, motion: Motion, log: Log) -> list[str]:
     warnings = []
     if quality.r2 < GOOD_R2:
         warnings.append(
             f"the plant predicts {quality.r2:.0%} of what the machine moves in "
             f"{quality.window_s:.2g} s: something else moves it, too"
         )
+        if is_reversed(log):
+            warnings.append(
+                "a positive control seems to push backward: is the sign of the control or of the "
+                "positions reversed?"
+            )
     if overall > OVERCONFIDENT:
         warnings.append(
             "prediction errors are not independent of each other: the machine has more to it than "

@@ -8,6 +8,7 @@ import pytest
 
 from app.evaluation.logs import Recording
 from app.planning.arrays import FloatArray
+from app.planning.identification.advice import is_reversed
 from app.planning.identification.excitation import excitation
 from app.planning.identification.identify import Question, identify
 from app.planning.identification.log import Log
@@ -236,6 +237,16 @@ def test_a_log_that_runs_backwards_or_has_a_wrong_sign_is_refused(turn: str) -> 
     )
     with pytest.raises(UnusableLog, match="no plant of this kind"):
         found(wrong)
+
+
+@pytest.mark.parametrize("limit", [0.9, 8.0])
+def test_a_wrong_sign_that_is_explained_a_little_is_asked_about(limit: float) -> None:
+    system = System(control_limit=limit)
+    log = log_of(system, excitation(system), 1e-4)
+    doubt = "is the sign of the control or of the positions reversed?"
+    known = {"control_limit": limit}
+    assert doubt in " ".join(found(replace(log, positions=-log.positions), known=known).warnings)
+    assert not is_reversed(log)
 
 
 def test_a_known_parameter_that_contradicts_the_log_is_refused() -> None:

@@ -357,28 +357,25 @@ def test_a_session_is_one_count(client: httpx.Client) -> None:
     wait_until(lambda: counted() == before + 1)
 
 
-def test_a_session_is_one_line(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO)
-
+@pytest.mark.parametrize("client", ["process"], indirect=True)  # Serve's ingress logs elsewhere
+def test_a_session_is_one_line(client: httpx.Client, caplog: pytest.LogCaptureFixture) -> None:
     def lines() -> list[dict[str, Any]]:
         logged = [line.__dict__ for line in caplog.records if line.name == "breakaway.access"]
         return [line for line in logged if line["request_id"] == "session-1"]
 
-    with serving(Settings(model_store=tmp_path)) as client:
-        wait_until_ready(client)
-        caplog.clear()
-        with opened(client, {"X-Request-ID": "session-1"}) as session:
-            assert session.connection.response is not None
-            assert session.connection.response.headers["X-Request-ID"] == "session-1"
-            session.ask(START | {"controller": "pid"})
-            session.ask(REST)
-            session.ask({"type": "stop"})
-        wait_until(lambda: bool(lines()))
-        others = [line for line in caplog.records if line.name.startswith(("uvicorn.error", "app"))]
+    caplog.set_level(logging.INFO)
+    with opened(client, {"X-Request-ID": "session-1"}) as session:
+        assert session.connection.response is not None
+        assert session.connection.response.headers["X-Request-ID"] == "session-1"
+        session.ask(START | {"controller": "pid"})
+        session.ask(REST)
+        session.ask({"type": "stop"})
+    wait_until(lambda: bool(lines()))
     (line,) = lines()
     assert (line["path"], line["http_method"], line["status"]) == ("/control", "WEBSOCKET", 101)
     assert (line["steps"], line["late_steps"], line["close_code"]) == (1, 0, 1000)
     assert line["method"] == "pid"
+    others = [line for line in caplog.records if line.name.startswith(("uvicorn.error", "app"))]
     assert not others
 
 

@@ -206,16 +206,16 @@ def test_a_section_of_another_kind_stands_for_itself(tmp_path: Path) -> None:
 def test_a_file_says_what_differs_from_its_base(tmp_path: Path) -> None:
     machines, longer, residual = (
         TrainingConfig.read(DEFAULT_CONFIG.with_name(f"{name}.toml"))
-        for name in ("any-machine", "any-machine-h128", "any-machine-mlp")
+        for name in ("any-machine", "any-machine-robust-h128", "any-machine-mlp")
     )
 
     assert isinstance(machines.data, PlansConfig)
     assert isinstance(longer.data, PlansConfig)
     assert isinstance(residual.data, PlansConfig)
     assert (machines.data.horizon, longer.data.horizon) == (64, 128)
-    assert longer.data.experts == machines.data.experts == residual.data.experts
+    assert longer.data.experts != machines.data.experts == residual.data.experts
     assert longer.samplers == machines.samplers == residual.samplers
-    assert longer.network == machines.network
+    assert longer.network == residual.network
     assert (machines.network.kind, residual.network.kind) == ("unet", "mlp")
     for text, told in (('base = "nowhere.toml"', OSError), ('base = "own.toml"', ValidationError)):
         (tmp_path / "own.toml").write_text(f'name = "own"\n{text}\n')

@@ -29,8 +29,8 @@ class RayExecutor(Executor):
             ray.init(include_dashboard=False, log_to_driver=False)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> "Future[T]":
-        task: Any = ray.remote(num_cpus=self._cores)(fn)
-        reference = task.remote(*args, **kwargs)
+        task: Any = ray.remote(num_cpus=self._cores)(_call)
+        reference = task.remote(fn, *args, **kwargs)
         self._pending.append(reference)
         future: Future[T] = reference.future()
         return future
@@ -43,3 +43,8 @@ class RayExecutor(Executor):
             ray.wait(self._pending, num_returns=len(self._pending))
         if self._is_ours:
             ray.shutdown()
+
+
+def _call(fn: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Call it: Ray makes tasks of functions alone, not of partial ones or methods."""
+    return fn(*args, **kwargs)

@@ -29,7 +29,7 @@ def print_models(manifests: Sequence[Manifest]) -> None:
             manifest.kind,
             manifest.predicts,
             f"{manifest.losses.validation:.4f}",
-            manifest.sha256[:12],
+            manifest.sha256[:8],
         )
     console.print(table)
     for manifest in manifests:

@@ -6,9 +6,11 @@ import numpy as np
 
 from app.planning.identification.evolution import Found
 from app.planning.identification.fitting import NEARBY, Fit
-from app.planning.identification.parameters import BIAS, COULOMB
+from app.planning.identification.parameters import BIAS, COULOMB, STATIC
 
-DIRECTION_GENERATIONS = 70
+GLIMPSE_GENERATIONS, LOOK_GENERATIONS = 25, 45
+HOPEFUL = 0.6
+"""Of what the log has to say: where a glimpse shows less, no one looks."""
 
 
 def by_direction(
@@ -32,14 +34,22 @@ def by_direction(
     if other.space.names == space.names:
         return fit, same
     shift = values[BIAS] - (fixed if fixed is not None else values[BIAS])
-    for field_name in (COULOMB, "static_friction"):
+    for field_name in (COULOMB, STATIC):
         values[f"{field_name}.forward"] -= shift
         values[f"{field_name}.backward"] += shift
-    start = other.space.point(values)
-    found = other.climb(start, other.around(NEARBY), rng, DIRECTION_GENERATIONS)
     # Schwarz's criterion; a log that is badly explained has to say it more clearly.
     measurements = fit.record.controls.size / fit.record.stride
     more = len(other.space.names) - len(space.names)
-    if is_asked_for or found.value - same.value > 0.5 * (more + 1) * np.log(measurements):
-        return other, other.climb(found.best, found.covariance, rng)
+    asked = 0.5 * (more + 1) * np.log(measurements)
+    seen = other.climb(
+        other.across_ridges(other.space.point(values)),
+        other.around(NEARBY),
+        rng,
+        GLIMPSE_GENERATIONS,
+    )
+    if not is_asked_for and seen.value - same.value < HOPEFUL * asked:
+        return fit, same
+    found = other.climb(seen.best, seen.covariance, rng, LOOK_GENERATIONS)
+    if is_asked_for or found.value - same.value > asked:
+        return other, other.settle(other.climb(found.best, found.covariance, rng), rng)
     return fit, same

@@ -4,6 +4,7 @@ What to fit, a delay and whether frictions differ by direction, is decided in id
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -36,6 +37,8 @@ FIRST_NOISE = 0.3
 """Of the random acceleration over what controls do, that starts have: they are rough."""
 EXCESS_FACTORS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 """Of static over Coulomb friction, that a search may have missed."""
+LEAST_EXCESS = 0.3
+"""Of its width: what stands for an excess that is next to nothing, of which all factors are."""
 NOISE_FACTORS = (1.0, 0.2, 0.04)
 """Of the random acceleration, likewise."""
 NEARBY = 0.1
@@ -69,14 +72,16 @@ class Fit:
             Stopped: it is not wanted any more.
         """
         self.stop.check()
-        plants, noises, possible = self.space.plants(x)
+        parameters = self.space.values(x)
+        plants, noises, possible = self.space.plants(parameters)
         # What cannot be is not worked out.
         blocks = np.zeros((len(x), NUM_BLOCKS))
         values = np.full(len(x), -np.inf)
         blocks[possible] = log_likelihoods(
             _scenarios(plants[possible]), noises[possible], self.record, NUM_BLOCKS
         )[:, 0]
-        values[possible] = blocks[possible].sum(axis=1) + self.space.log_prior(x[possible])
+        prior = self.space.log_prior({name: each[possible] for name, each in parameters.items()})
+        values[possible] = blocks[possible].sum(axis=1) + prior
         return values, blocks
 
     def value(self, x: FloatArray) -> FloatArray:
@@ -133,27 +138,25 @@ class Fit:
         and none explain them outright; a search does not pass from the one to the other.
         """
         for _ in range(MOST_RIDGES):
-            points = self._across_ridges(found.best)
-            values = self.value(points)
-            best = int(np.argmax(values))
-            if values[best] <= found.value:
+            across = self.across_ridges(found.best)
+            if across is found.best:
                 break
-            found = self.climb(points[best], self.around(NEARBY), rng)
+            found = self.climb(across, self.around(NEARBY), rng)
         return found
 
-    def _across_ridges(self, x: FloatArray) -> FloatArray:
-        """Return points (N, d) that differ from x (d,) in static friction and in what is random."""
-        points = []
-        for excess in EXCESS_FACTORS:
-            for noise in NOISE_FACTORS:
-                point = x.copy()
-                for k, name in enumerate(self.space.names):
-                    if name.startswith(STATIC):
-                        point[k] *= excess
-                    elif name == NOISES[0]:
-                        point[k] += np.log(noise)
-                points.append(point)
-        return np.array(points)
+    def across_ridges(self, x: FloatArray) -> FloatArray:
+        """Return the likeliest of x (d,) and of points that differ from it in static friction and
+        in what is random."""
+        names = self.space.names
+        statics = [k for k, name in enumerate(names) if name.startswith(STATIC)]
+        excesses = np.maximum(x[statics], LEAST_EXCESS * self.space.widths[statics])
+        points = [x]
+        for *factors, noise in product(*[EXCESS_FACTORS] * len(statics), NOISE_FACTORS):
+            point = x.copy()
+            point[statics] = excesses * factors
+            point[names.index(NOISES[0])] += np.log(noise)
+            points.append(point)
+        return points[int(np.argmax(self.value(np.array(points))))]
 
     def around(self, share: float) -> FloatArray:
         """Return the covariance (d, d) of where a search begins, in shares of the widths."""
@@ -171,12 +174,19 @@ class Fit:
 
     def plant(self, x: FloatArray) -> Plant:
         """Return the plant of one point (d,)."""
-        return Plant(*self.space.plants(x[np.newaxis])[0][0].tolist())
+        return Plant(*self._plants(x)[0].tolist())
 
     def trace(self, x: FloatArray) -> Trace:
         """Return what the filter makes of the log on one plant, (d,), step by step."""
-        plants, noises, _ = self.space.plants(x[np.newaxis])
-        return trace(plants[0], noises[0], self.record)
+        return trace(*self._plants(x), self.record)
+
+    def noises(self, x: FloatArray) -> FloatArray:
+        """Return those (3,) of one point (d,), as `log_likelihoods` takes them."""
+        return self._plants(x)[1]
+
+    def _plants(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        plants, noises, _ = self.space.plants(self.space.values(x[np.newaxis]))
+        return plants[0], noises[0]
 
 
 def _scenarios(plants: FloatArray) -> Scenarios:

@@ -164,6 +164,12 @@ class _Begun(NamedTuple):
     value: float
     """Of the start."""
 
+    @property
+    def found(self) -> Found:
+        """Where its search begins, and how broadly it looks around."""
+        start = self.fit.across_ridges(self.start)
+        return Found(start, self.value, start, self.fit.around(BROAD))
+
 
 def _timing(
     log: Log, question: Question, stride: int, rng: np.random.Generator, stop: Stop
@@ -195,10 +201,7 @@ def _timing(
     if not begun:
         raise UnusableLog("known", "no machine that is known to be so moves as in this log")
     begun.sort(key=lambda each: -each.value)
-    racing = [
-        (Found(each.start, each.value, each.start, each.fit.around(BROAD)), each)
-        for each in begun[:TRIED]
-    ]
+    racing = [(each.found, each) for each in begun[:TRIED]]
     for generations, lead in HEATS:
         racing = [
             (each.fit.climb(found.best, found.covariance, rng, generations), each)

@@ -7,6 +7,7 @@ and damping would have to cross a ridge at every break-away.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ class Scale:
     """Units of control."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots: what a search asks for at each step is kept
 class Space:
     """The unknowns, as a vector x (d,).
 
@@ -72,7 +73,7 @@ class Space:
     least_noise: float
     with_velocities: bool
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """The unknowns in the order of x: fields of `System`, with a direction where they have one,
         then the noises."""
@@ -137,7 +138,7 @@ class Space:
                 x.append(values[BIAS] / gain)
         return np.array(x)
 
-    @property
+    @cached_property
     def widths(self) -> FloatArray:
         """How far the unknowns may be from a first guess, (d,): standard deviations."""
         scale = self.scale
@@ -156,13 +157,13 @@ class Space:
         }
         return np.array([of[_field(name)] for name in self.names])
 
-    def plants(self, x: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return plants (N, parameters), noises (N, 3), and which of both can be, of points (N, d).
+    def plants(self, values: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return plants (N, parameters), noises (N, 3), and which of both can be, of parameters.
 
         What cannot be is replaced by what can, for the kernel.
         """
-        values = self.values(x)
-        table = np.tile(self.base, (len(x), 1))
+        table = np.empty((len(values[GAIN]), len(self.base)))
+        table[:] = self.base
         columns = dict(zip(Plant._fields, table.T, strict=True))
         columns[GAIN][:] = values[GAIN]
         columns[BIAS][:] = values[BIAS]
@@ -173,18 +174,16 @@ class Space:
             of_first_step = "static" if self.base.stribeck_velocity > 0.0 else "coulomb"
             columns[f"breakaway_{way}"][:] = columns[f"{of_first_step}_{way}"]
         noises = np.column_stack([values[name] for name in NOISES])
-        possible = self._possible(x, columns, values)
+        possible = self._possible(columns, values)
         table[~possible] = self.base
         noises[~possible] = 1.0
         return table, noises, possible
 
-    def _possible(
-        self, x: FloatArray, columns: dict[str, FloatArray], values: dict[str, FloatArray]
-    ) -> BoolArray:
+    def _possible(self, columns: dict[str, FloatArray], values: dict[str, FloatArray]) -> BoolArray:
         scale = self.scale
         most = min(LARGEST, 20.0 * scale.acceleration)
-        possible = np.isfinite(x).all(axis=1)
-        possible &= (values[GAIN] >= SMALLEST) & (values[GAIN] <= LARGEST)
+        # Each is compared with a bound at least: what is no number cannot be.
+        possible: BoolArray = (values[GAIN] >= SMALLEST) & (values[GAIN] <= LARGEST)
         possible &= np.abs(values[BIAS]) <= most
         for way in DIRECTIONS:
             coulomb, static = columns[f"coulomb_{way}"], columns[f"static_{way}"]
@@ -198,12 +197,11 @@ class Space:
             possible &= values[NOISES[2]] >= LEAST_VELOCITY_NOISE * self.scale.velocity
         return possible
 
-    def log_prior(self, x: FloatArray) -> FloatArray:
-        """Return the logarithm of the prior density of points (N, d), up to a constant.
+    def log_prior(self, values: dict[str, FloatArray]) -> FloatArray:
+        """Return the logarithm of the prior density of parameters, (N,), up to a constant.
 
         It is one of frictions and bias themselves: over the gain they are as much denser.
         """
-        values = self.values(x)
         # Flat in the random acceleration: its logarithm would go down for ever where there is none.
         prior = np.log(np.maximum(values[NOISES[0]], 1e-300))
         num_over_gain = sum(_field(name) in OVER_GAIN for name in self.names)

@@ -106,7 +106,8 @@ def judge(
             f"the machine moves by little more in {quality.window_s:.2g} s than the "
             f"{quality.position_noise:.2g} m by which positions are off: nothing follows from that",
         )
-    if quality.r2 < LEAST_R2:
+    is_moved = quality.r2 >= GOOD_R2 or _can_be_moved(fit.plant(middle), log)
+    if quality.r2 < LEAST_R2 or not is_moved:
         raise UnusableLog(
             "controls",
             f"no plant of this kind explains the motion: the best one predicts {quality.r2:.0%} of "
@@ -131,6 +132,19 @@ def judge(
     )
 
 
+def _can_be_moved(plant: Plant, log: Log) -> bool:
+    """Return whether the log's controls can keep it in motion, either way.
+
+    If not, and what moves it is random, a mass that glides on still predicts some of the motion.
+    """
+    ways = log.controls.max(), -log.controls.min()
+    forward, backward = (plant.control_gain * float(control) for control in ways)
+    return (
+        forward + plant.bias > plant.coulomb_forward
+        or backward - plant.bias > plant.coulomb_backward
+    )
+
+
 def _middle(fit: Fit, likeliest: Found, sample: Sample) -> FloatArray:
     """Return the sample's mean, or the likeliest point where the mean lies beside all of it."""
     mean = sample.mean
@@ -147,16 +161,16 @@ def _quality(
     motion: Motion,
     sample: Sample,
 ) -> Quality:
-    _, noises, _ = fit.space.plants(x[np.newaxis])
+    noises = fit.noises(x)
     measured = trace.squared_errors > 0.0
     return Quality(
         window_s=windows.steps * log.time_step,
         end_error_rms=float(np.sqrt(np.mean(windows.errors[:, -1] ** 2))),
         r2=windows.r2,
         residual=float(np.sqrt(np.mean(trace.squared_errors[measured]))) if measured.any() else 0.0,
-        acceleration_noise=float(noises[0, 0]),
-        position_noise=float(noises[0, 1]),
-        velocity_noise=float(noises[0, 2]) if NOISES[2] in fit.space.names else None,
+        acceleration_noise=float(noises[0]),
+        position_noise=float(noises[1]),
+        velocity_noise=float(noises[2]) if NOISES[2] in fit.space.names else None,
         condition_number=_condition_number(fit, sample),
         moving_steps=motion.moving_steps,
     )
@@ -184,7 +198,7 @@ def _ensemble(
     """Return points (S, d) of the sample, as much wider as the intervals where they can be."""
     points = sample.points[rng.choice(len(sample.points), num_systems)]
     stretched = middle + wider * (points - middle)
-    possible: BoolArray = fit.space.plants(stretched)[2]
+    possible: BoolArray = fit.space.plants(fit.space.values(stretched))[2]
     return np.where(possible[:, np.newaxis], stretched, points)
 
 

@@ -235,8 +235,9 @@ def test_a_log_that_runs_backwards_or_has_a_wrong_sign_is_refused(turn: str) -> 
         if turn == "sign"
         else replace(log, controls=log.controls[::-1].copy(), positions=log.positions[::-1].copy())
     )
-    with pytest.raises(UnusableLog, match="no plant of this kind"):
-        found(wrong)
+    for seed in range(3):
+        with pytest.raises(UnusableLog, match="no plant of this kind"):
+            found(wrong, seed)
 
 
 @pytest.mark.parametrize("limit", [0.9, 8.0])

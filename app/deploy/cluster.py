@@ -239,6 +239,8 @@ class ClusterRuntime(Runtime):
                     if leaving.done():
                         raise ClientGone("the client has gone")
                     raise DeadlineExceeded("the deadline has passed")
+                if asking.cancelled():  # by Serve, with the request that it was asked for
+                    raise ClientGone("the client has gone")
                 try:
                     outcome = asking.result()
                 except RayActorError as error:

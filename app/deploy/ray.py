@@ -4,6 +4,7 @@ Its settings are the BREAKAWAY_* variables; what the cluster has of it are argum
 `serve run app.deploy.ray:application max_replicas=8`.
 """
 
+import asyncio
 from typing import Any, cast
 
 from pydantic import BaseModel, ConfigDict, PositiveInt
@@ -64,7 +65,8 @@ class Ingress:
 class WithinServe:
     """Hands the lifespan's state to each request, as a server does, and leaves ids to Serve.
 
-    Serve's proxy puts X-Request-ID into what it hands on, and into what comes back.
+    Serve's proxy puts X-Request-ID into what it hands on, and into what comes back. It cancels the
+    requests of clients that hang up: the service is told as a server tells it, and ends the work.
 
     Args:
         app: the service.
@@ -86,7 +88,29 @@ class WithinServe:
                 message = {**message, "headers": headers}
             await send(message)
 
-        await self._app({**scope, "state": dict(self._state)}, receive, send_without_id)
+        left = asyncio.Event()
+
+        async def receive_until_left() -> Message:
+            waiting = [asyncio.ensure_future(one) for one in (receive(), left.wait())]
+            try:
+                await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+                message: asyncio.Future[Any] = waiting[0]
+                return message.result() if message.done() else {"type": "http.disconnect"}
+            finally:
+                for one in waiting:
+                    one.cancel()
+
+        scope = {**scope, "state": dict(self._state)}
+        if scope["type"] == "websocket":
+            await self._app(scope, receive, send_without_id)
+            return
+        answering = asyncio.ensure_future(self._app(scope, receive_until_left, send_without_id))
+        try:
+            await asyncio.shield(answering)
+        except asyncio.CancelledError:
+            left.set()
+            await answering
+            raise
 
 
 def application(options: ClusterOptions) -> serve.Application:

@@ -5,6 +5,7 @@ from typing import Any
 
 from ray.serve.config import AutoscalingContext
 from ray.serve.request_router import (
+    FIFOMixin,
     PendingRequest,
     ReplicaID,
     RequestRouter,
@@ -20,8 +21,13 @@ SECONDS_PER_REPLICA = 0.2
 """Of compiled plans that wait, likewise."""
 
 
-class LeastWork(RequestRouter):
-    """Sends each work to where it is done first; its first argument is its `Order`."""
+class LeastWork(FIFOMixin, RequestRouter):
+    """Sends each work to where it is done first; its first argument is its `Order`.
+
+    Where several wait to be sent, the first takes the next replica that was chosen. Without the
+    mixin Ray tells them apart by the request that they are made for, and the parts of a batch are
+    made for the same one: all but one of them would wait for ever.
+    """
 
     def initialize_state(self, **_: Any) -> None:
         self._by_id: dict[str, RunningReplica] = {}
@@ -52,7 +58,11 @@ class LeastWork(RequestRouter):
         candidate_replicas: list[RunningReplica],  # noqa: ARG002
         pending_request: PendingRequest | None = None,
     ) -> list[list[RunningReplica]]:
-        order = pending_request.args[0] if pending_request else Order()
+        order = Order()
+        if pending_request:
+            order = pending_request.args[0]
+            # Or else Ray asks again at once, and its loop does nothing else any more.
+            pending_request.routing_context.should_backoff = True
         chosen = BOARD.choose(order, self._ids, now())
         return [[self._by_id[chosen]]] if chosen else []
 

@@ -203,6 +203,7 @@ def test_a_client_that_leaves_ends_its_batch(client: httpx.Client, method: str) 
     assert value(client.get("/metrics").text, "breakaway_answer_bytes") == 0
 
 
+@pytest.mark.parametrize("client", ["process"], indirect=True)  # Serve's proxy takes all at once
 def test_what_is_not_done_by_the_deadline_says_so(client: httpx.Client) -> None:
     large = {"method": "uniform", "include": ["states", "candidates"], "reachability": False}
     with reading(client, 300, **large, deadline_ms=2000) as lines:

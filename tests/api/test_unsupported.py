@@ -36,6 +36,7 @@ def test_a_known_one_is_met(client: httpx.Client, expected: str) -> None:
     assert answer.status_code == 200
 
 
+@pytest.mark.parametrize("client", ["process"], indirect=True)  # Serve's proxy has its own way
 @pytest.mark.parametrize("path", ["/livez", "/nope", "/plan"])
 def test_a_websocket_is_refused_and_nobody_is_advised_to_install_something(
     client: httpx.Client, caplog: pytest.LogCaptureFixture, path: str
@@ -47,6 +48,7 @@ def test_a_websocket_is_refused_and_nobody_is_advised_to_install_something(
     assert not [line for line in ours if line.levelno > logging.INFO]
 
 
+@pytest.mark.parametrize("client", ["process"], indirect=True)  # Serve's proxy refuses them
 def test_other_upgrades_are_passed_over_in_silence(
     client: httpx.Client, caplog: pytest.LogCaptureFixture
 ) -> None:

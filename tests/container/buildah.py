@@ -4,6 +4,8 @@ import json
 import os
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,7 +63,7 @@ class Buildah:
             self("commit", "--quiet", "--format", "docker", "--rm", container, "base")
         return "localhost/base"
 
-    def build(self, base_image: str, wheel_index: str) -> None:
+    def build(self, base_image: str, wheel_index: str, extra: str = "") -> None:
         """Build the image `breakaway` of the clone in this directory; tells how far it is."""
         folders = [path for path in (wheel_index, str(CERTIFICATES)) if Path(path).exists()]
         revision = subprocess.run(
@@ -71,6 +73,7 @@ class Buildah:
             "BASE_IMAGE": base_image,
             "WHEEL_INDEX": wheel_index,
             "REVISION": revision,
+            "EXTRA": extra,
         }
         subprocess.run(
             [
@@ -100,10 +103,15 @@ class Buildah:
         sizes = [layer["size"] for layer in json.loads(about["Manifest"])["layers"]]
         return [Layer(*layer) for layer in zip(commands, sizes, strict=True)]
 
-    def mount(self) -> tuple[str, Path]:
-        """Make a container of the image; return its name, and where its files are."""
+    @contextmanager
+    def mounted(self) -> Iterator[Path]:
+        """Make a container of the image; yield where its files are, until the context ends."""
         name = self("from", "breakaway")
-        return name, Path(self("mount", name))
+        try:
+            yield Path(self("mount", name))
+        finally:
+            self("umount", name)
+            self("rm", name)
 
     def _inspect(self) -> Any:
         return json.loads(self("inspect", "--type", "image", "breakaway"))

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,12 +70,18 @@ class Served(NamedTuple):
     url: str
     process: "subprocess.Popen[bytes]"
     start_seconds: float
+    """From its first process until it was ready."""
 
     @property
     def first(self) -> psutil.Process:
         """Process 1 of the container."""
         (child,) = psutil.Process(self.process.pid).children()
         return child
+
+    def core_seconds(self) -> float:
+        """Return what it has taken of processors so far, user's and system's time."""
+        everybody = [self.first, *self.first.children(recursive=True)]
+        return sum(sum(process.cpu_times()[:4]) for process in everybody)  # the fifth is waiting
 
     def written(self) -> list[Path]:
         """List what it has written to its /tmp."""
@@ -87,8 +93,7 @@ class Served(NamedTuple):
         os.kill(self.first.pid, signal.SIGTERM)
 
 
-@contextmanager
-def serving(image: Image, user: str, **options: str) -> Iterator[Served]:
+def serving(image: Image, user: str, **options: str) -> AbstractContextManager[Served]:
     """Run the image's own command until the context ends.
 
     Raises:
@@ -96,9 +101,22 @@ def serving(image: Image, user: str, **options: str) -> Iterator[Served]:
     """
     port = free_port()
     command = image.config["Entrypoint"] + image.config["Cmd"]
-    whole = image.command(*command, user=user, **options, BREAKAWAY_PORT=str(port))
+    return ready(image.command(*command, user=user, **options, BREAKAWAY_PORT=str(port)), port)
+
+
+@contextmanager
+def ready(command: list[str], port: int) -> Iterator[Served]:
+    """Run a command that serves on a port, until the context ends.
+
+    Args:
+        command: as `Image.command` makes it.
+        port: where it listens.
+
+    Raises:
+        TimeoutError: it does not become ready.
+    """
     started = time.perf_counter()
-    with subprocess.Popen(whole, stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
             url = f"http://127.0.0.1:{port}"
             while not _is_ready(url):

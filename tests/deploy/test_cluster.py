@@ -54,7 +54,7 @@ class Replicas:
         end = self._ends.pop(0)
         if end is None:
             await asyncio.sleep(60)
-        if isinstance(end, Exception):
+        if isinstance(end, BaseException):
             raise end
         return Outcome(f"replica {len(self.asked)}", Load(), end)
 
@@ -132,6 +132,11 @@ def test_nobody_waits_past_the_deadline_or_for_a_client_that_has_gone(
     with pytest.raises(ClientGone):
         ask(Replicas(None), gone=lambda: asyncio.sleep(0))
     assert perf_counter() - began < 30
+
+
+def test_serve_cancels_the_calls_of_a_client_that_has_gone() -> None:
+    with pytest.raises(ClientGone):
+        ask(Replicas(asyncio.CancelledError()))
 
 
 def test_segments_that_were_sent_are_not_sent_again() -> None:

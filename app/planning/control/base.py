@@ -51,6 +51,7 @@ class Law(Options):
         settings = settings._replace(
             observes=True,
             position_variance=observer.position_std**2,
+            position_lag=observer.position_lag,
             velocity_variance=observer.velocity_std**2,
             acceleration_noise=observer.acceleration_noise,
             rest_velocity=observer.rest_velocity(model),

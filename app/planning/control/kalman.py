@@ -84,11 +84,16 @@ def _begin(
     position: float, velocity: float, memory: Memory, model: Plant, settings: Settings
 ) -> None:
     is_known = not math.isnan(velocity)
-    memory.mean[POSITION], memory.mean[VELOCITY] = position, velocity if is_known else 0.0
+    lag = settings.position_lag
+    memory.mean[VELOCITY] = velocity if is_known else 0.0
+    memory.mean[POSITION] = position + lag * memory.mean[VELOCITY]
     if settings.observes:
         unknown = (INITIAL_VELOCITY_STEPS * _full_step(model)) ** 2
-        memory.covariance[POSITION, POSITION] = settings.position_variance
-        memory.covariance[VELOCITY, VELOCITY] = settings.velocity_variance if is_known else unknown
+        variance = settings.velocity_variance if is_known else unknown
+        covariance = memory.covariance
+        covariance[POSITION, POSITION] = settings.position_variance + lag * lag * variance
+        covariance[POSITION, VELOCITY] = covariance[VELOCITY, POSITION] = lag * variance
+        covariance[VELOCITY, VELOCITY] = variance
 
 
 @compiled
@@ -158,13 +163,13 @@ def _correct(
     is forgotten, and learned anew from the next step on that is within what is thought possible.
     """
     mean, covariance, registers = memory.mean, memory.covariance, memory.registers
+    lag = settings.position_lag
     is_known = not math.isnan(velocity)
-    gate = GATE * GATE
-    expected = covariance[POSITION, POSITION] + settings.position_variance
-    is_push = (position - mean[POSITION]) ** 2 > gate * expected
+    is_push = _is_unexpected(POSITION, lag, position, settings.position_variance, mean, covariance)
     if is_known:
-        expected = covariance[VELOCITY, VELOCITY] + settings.velocity_variance
-        is_push = is_push or (velocity - mean[VELOCITY]) ** 2 > gate * expected
+        is_push = is_push or _is_unexpected(
+            VELOCITY, 0.0, velocity, settings.velocity_variance, mean, covariance
+        )
     if is_push:
         registers[FROZEN] = FROZEN_STEPS
         registers[PUSHED] += 1.0
@@ -186,9 +191,9 @@ def _correct(
     learns = registers[FROZEN] == 0.0 and speed > LEARNING * settings.rest_velocity
     # A mass that was thought to break away and did not tells of static friction alone.
     learns = learns and not (is_known and abs(velocity) < settings.rest_velocity)
-    _update(POSITION, position, settings.position_variance, learns, mean, covariance)
+    _update(POSITION, lag, position, settings.position_variance, learns, mean, covariance)
     if is_known:
-        _update(VELOCITY, velocity, settings.velocity_variance, learns, mean, covariance)
+        _update(VELOCITY, 0.0, velocity, settings.velocity_variance, learns, mean, covariance)
     for parameter in (GAIN, COULOMB, DAMPING):
         mean[parameter] = min(GREATEST_FACTOR, max(LEAST_FACTOR, mean[parameter]))
 
@@ -204,22 +209,39 @@ def _let_push(speed: float, time_step: float, covariance: FloatArray) -> None:
 
 
 @compiled
+def _is_unexpected(
+    index: int,
+    lag: float,
+    measured: float,
+    variance: float,
+    mean: FloatArray,
+    covariance: FloatArray,
+) -> bool:
+    """Return whether a number measured `lag` ago is farther off than its gate."""
+    row = covariance[index] - lag * covariance[VELOCITY]
+    expected = row[index] - lag * row[VELOCITY] + variance
+    residual = measured - (mean[index] - lag * mean[VELOCITY])
+    return bool(residual**2 > GATE * GATE * expected)
+
+
+@compiled
 def _update(
     index: int,
+    lag: float,
     measured: float,
     variance: float,
     learns: bool,
     mean: FloatArray,
     covariance: FloatArray,
 ) -> None:
-    """Correct by one measured number, in Joseph's form: the gain need not be the best one."""
-    row = covariance[index].copy()
-    total = row[index] + variance
+    """Correct by one number measured `lag` ago, in Joseph's form: any gain may be taken."""
+    row = covariance[index] - lag * covariance[VELOCITY]
+    total = row[index] - lag * row[VELOCITY] + variance
     gain = row / total
     if not learns:
         for i in range(GAIN, NUM_ESTIMATED):
             gain[i] = 0.0
-    residual = measured - mean[index]
+    residual = measured - (mean[index] - lag * mean[VELOCITY])
     for i in range(NUM_ESTIMATED):
         mean[i] += gain[i] * residual
     for i in range(NUM_ESTIMATED):

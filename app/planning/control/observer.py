@@ -75,6 +75,9 @@ class Observer(Options):
     """m/s^2, of a time step: forces that the model does not know."""
     identification: Identification | None = field(default_factory=Identification)
     """What is learned of the model on the way; none: nothing."""
+    position_lag: Noise = 0.0
+    """s: measured positions are those of so long ago, at the velocity of now. Half a time step
+    where a control is held from sample to sample, as on machines; `POST /identify` tells it."""
 
     @property
     def position_std(self) -> float:

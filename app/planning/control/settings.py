@@ -41,6 +41,8 @@ class Settings(NamedTuple):
     # The observer.
     observes: bool = False
     position_variance: float = 0.0
+    position_lag: float = 0.0
+    """s: measured positions are those of so long ago."""
     velocity_variance: float = 0.0
     acceleration_noise: float = 0.0
     rest_velocity: float = 0.0

@@ -61,6 +61,9 @@ class Sensor(Options):
     position_step: Noise = 0.0
     """m: the resolution of an encoder, to whose multiples positions are rounded; 0 for none."""
     measures_velocity: bool = True
+    position_lag: Noise = 0.0
+    """s: positions are those of so long ago, at the velocity of now; half a time step is what a
+    machine shows whose control is held from sample to sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,4 +206,5 @@ def _draw(machine: TrueMachine, steps: int, rng: np.random.Generator) -> Machine
         sensor.position_noise * noise[0],
         velocity_noise * noise[1],
         float(sensor.position_step),
+        float(sensor.position_lag),
     )

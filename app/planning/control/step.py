@@ -210,7 +210,7 @@ def _take(
         settings,
         memory,
         plants,
-        Machine(model, NOTHING[:1], NOTHING, NOTHING, 0.0),
+        Machine(model, NOTHING[:1], NOTHING, NOTHING, 0.0, 0.0),
         record,
         stop.flag,
     )

@@ -55,6 +55,8 @@ class Machine(NamedTuple):
     """(T + 1,), m/s; NaN where velocities are not measured."""
     position_step: float
     """m: the resolution of the encoder, 0 for none."""
+    position_lag: float
+    """s: positions are measured as they were so long before."""
 
 
 class Record(NamedTuple):
@@ -237,7 +239,8 @@ def _on_each(plants: FloatArray, memory: Memory, pending: FloatArray, target: fl
 @compiled
 def _measure(k: int, machine: Machine, record: Record) -> None:
     """Measure the state at step `k`."""
-    position = record.states[k, 0] + machine.position_noise[k]
+    position = record.states[k, 0] - machine.position_lag * record.states[k, 1]
+    position += machine.position_noise[k]
     if machine.position_step > 0.0:
         position = machine.position_step * math.floor(position / machine.position_step + 0.5)
     record.measurements[k, 0] = position

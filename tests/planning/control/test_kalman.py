@@ -48,14 +48,17 @@ def driven(
     return memory
 
 
-def test_of_a_sliding_mass_it_is_the_textbook_filter() -> None:
-    observer = Observer(2e-3, 3e-2, acceleration_noise=0.3, identification=None)
+@pytest.mark.parametrize("lag", [0.0, 0.025])
+def test_of_a_sliding_mass_it_is_the_textbook_filter(lag: float) -> None:
+    observer = Observer(2e-3, 3e-2, acceleration_noise=0.3, identification=None, position_lag=lag)
     controller = RecedingHorizon(observer=observer)
     dt, rng = 0.05, np.random.default_rng(0)
     states = rollout(System(), np.array([0.0, 0.3]), np.full((1, 20), 0.9))[0]
     noise = np.array([2e-3, 3e-2])
-    measurements = states + noise * rng.standard_normal((21, 2))
-    mean, covariance = measurements[0], np.diag(noise**2)
+    seen = np.array([[1.0, -lag], [0.0, 1.0]])
+    measurements = states @ seen.T + noise * rng.standard_normal((21, 2))
+    mean = np.linalg.solve(seen, measurements[0])
+    covariance = np.linalg.inv(seen.T @ np.diag(noise**-2) @ seen)
     memory, control = None, 0.0
     transition = np.array([[1.0, dt * (1 - 0.05 * dt)], [0.0, 1 - 0.05 * dt]])
     pushed = np.array([dt, 1.0]) * 0.3 * dt
@@ -63,9 +66,10 @@ def test_of_a_sliding_mass_it_is_the_textbook_filter() -> None:
         if k > 0:
             moved = rollout(System(), mean, np.array([[control]]))[0, -1]
             covariance = transition @ covariance @ transition.T + np.outer(pushed, pushed)
-            gain = covariance @ np.linalg.inv(covariance + np.diag(noise**2))
-            mean = moved + gain @ (measured - moved)
-            covariance = (np.eye(2) - gain) @ covariance
+            expected = seen @ covariance @ seen.T + np.diag(noise**2)
+            gain = covariance @ seen.T @ np.linalg.inv(expected)
+            mean = moved + gain @ (measured - seen @ moved)
+            covariance = (np.eye(2) - gain @ seen) @ covariance
         taken = control_step(
             controller, System(), Measurement(*measured.tolist()), Goal(0.9, 64 - k), memory
         )
@@ -243,3 +247,32 @@ def test_a_mass_that_is_left_alone_is_known_to_rest() -> None:
     assert max(abs(estimate.velocity) for estimate in settled) < 2e-3
     assert max(abs(estimate.position) for estimate in settled) < 1e-3
     assert settled[-1].position_std < 0.5e-3
+
+
+def test_of_a_machine_that_moves_between_its_samples_it_is_told() -> None:
+    axis = System(1.28, 1.02, 0.4, control_gain=0.45, control_limit=8.0, time_step=0.02)
+    sensor = Sensor(position_step=1e-4, measures_velocity=False, position_lag=0.01)
+
+    def off_and_moving(told: float) -> tuple[float, int]:
+        controller = RecedingHorizon(
+            observer=Observer(position_noise=0.0, position_step=1e-4, position_lag=told)
+        )
+        off, moving = [], 0
+        for target in (0.02, 0.1, 0.2, 0.3):
+            runs = run(
+                controller,
+                truth=axis,
+                model=axis,
+                target=target,
+                steps=100,
+                deadline=None,
+                sensor=sensor,
+            )
+            assert runs.final_errors[0] < 4e-4
+            off.append(np.abs(runs.estimates[0, :, 0] - runs.states[0, :-1, 0]).mean())
+            moving += int(np.count_nonzero(runs.states[0, :, 1]))
+        return float(np.mean(off)), moving
+
+    told, untold = off_and_moving(0.01), off_and_moving(0.0)
+    assert told[0] < 1e-4 < 2e-4 < untold[0]
+    assert told[1] < untold[1]

@@ -34,9 +34,13 @@ class Identification(Options):
     """
 
     static_friction: Share = 0.2
+    """Of static friction, in either direction."""
     coulomb_friction: Share = 0.2
+    """Of Coulomb friction."""
     viscous_damping: Share = 0.2
+    """Of the damping."""
     control_gain: Share = 0.05
+    """Of the gain."""
     asymmetry: Share = 0.2
     """Of the Coulomb friction: by so much an unknown bias, or a friction that differs by direction
     though the model's does not, may pull."""

@@ -61,6 +61,7 @@ class Sensor(Options):
     position_step: Noise = 0.0
     """m: the resolution of an encoder, to whose multiples positions are rounded; 0 for none."""
     measures_velocity: bool = True
+    """Whether velocities are measured, or positions alone."""
     position_lag: Noise = 0.0
     """s: positions are those of so long ago, at the velocity of now; half a time step is what a
     machine shows whose control is held from sample to sample."""

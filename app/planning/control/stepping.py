@@ -239,8 +239,9 @@ def _on_each(plants: FloatArray, memory: Memory, pending: FloatArray, target: fl
 @compiled
 def _measure(k: int, machine: Machine, record: Record) -> None:
     """Measure the state at step `k`."""
-    position = record.states[k, 0] - machine.position_lag * record.states[k, 1]
-    position += machine.position_noise[k]
+    position = record.states[k, 0] + machine.position_noise[k]
+    if machine.position_lag > 0.0:  # a single step, of what was measured, may know no velocity
+        position -= machine.position_lag * record.states[k, 1]
     if machine.position_step > 0.0:
         position = machine.position_step * math.floor(position / machine.position_step + 0.5)
     record.measurements[k, 0] = position

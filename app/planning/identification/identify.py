@@ -34,7 +34,7 @@ MOST_MEASUREMENTS = 2500
 """Of a longer log not every sample is taken as a measurement; every control acts all the same."""
 CLOSE = 5.0
 """Log-likelihoods that are no farther apart hardly tell two delays apart."""
-HEATS = (16, 100.0), (32, 50.0), (100, CLOSE)
+HEATS = (6, 100.0), (12, 60.0), (24, 40.0), (100, CLOSE)
 """Of those that are left: generations of a search, and what log-likelihood the next one has to
 be in the lead by to be alone in it."""
 LEAST_MEASUREMENTS = 250

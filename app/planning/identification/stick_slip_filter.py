@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from app.compilation import inlined
-from app.planning.plant.friction import STUCK, acceleration, take_step
+from app.planning.plant.friction import BREAKING_AWAY, STUCK, acceleration, take_step
 from app.planning.plant.system import Plant
 
 CERTAIN = 6.0
@@ -138,7 +138,10 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
         )
     step, kept = plant.time_step, taken.free_by_velocity
     variance = kept * kept * sliding.velocity_variance + (step * noise) ** 2
-    free = taken.direction * taken.free_velocity
+    direction = taken.direction
+    if taken.kind == BREAKING_AWAY:  # a creep may outlast a push against it, and does not stop
+        direction = math.copysign(1.0, taken.free_velocity)
+    free = direction * taken.free_velocity
     on = _cut(free, variance)
     if on.probability == 1.0:
         goes_on = Mode(
@@ -152,7 +155,7 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
         return goes_on, Mode(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     # What the cut says of the velocity it says of the position, too.
     by_velocity = kept * sliding.covariance / max(variance, TINY)
-    velocity = taken.direction * on.mean
+    velocity = direction * on.mean
     covariance = by_velocity * on.variance
     position_variance = sliding.position_variance - by_velocity**2 * (variance - on.variance)
     goes_on = Mode(
@@ -164,7 +167,7 @@ def _slid(sliding: Mode, control: float, plant: Plant, noise: float) -> tuple[Mo
         on.variance,
     )
     stopped = _cut(-free, variance)
-    change = taken.direction * (-stopped.mean - free)
+    change = direction * (-stopped.mean - free)
     return goes_on, Mode(
         probability - goes_on.probability,
         position + by_velocity * change,

@@ -30,6 +30,7 @@ def found(question: Question, off_by: float = 0.0) -> Answer:
     content = {
         "parameters": parameters,
         "delay_steps": 0,
+        "position_lag": 0.0,
         "system": asdict(machine),
         "systems": [asdict(System())],
         "timing_ms": {"queue": 1.0, "total": 301.0},

@@ -30,7 +30,7 @@ from app.planning.control.memory import (
 from app.planning.control.receding_horizon import ARRIVES, make_plan
 from app.planning.control.settings import FEEDBACK, RECEDING_HORIZON, SEQUENCE, SWITCHING, Settings
 from app.planning.control.switching import steady_control
-from app.planning.plant.friction import STUCK, take_step
+from app.planning.plant.friction import STOPPING, STUCK, control_towards, take_step
 from app.planning.plant.rollout import step
 from app.planning.plant.system import Plant
 from app.planning.plant.task import Task
@@ -127,7 +127,11 @@ def _choose(
         control = memory.plan[int(registers[PLAN_AGE])]
         registers[PLAN_AGE] += 1.0
     control = min(plant.highest_control, max(plant.lowest_control, control))
-    is_stuck = take_step(task.velocity, control, plant).kind == STUCK
+    kind = take_step(task.velocity, control, plant).kind
+    if kind == STOPPING and settings.position_lag > 0.0:
+        # What moves between samples would not stop for the rest of a step, but turn round.
+        control = control_towards(0.0, task.velocity, plant)
+    is_stuck = kind == STUCK
     if settings.kind == RECEDING_HORIZON and steps_left <= 0:
         # Nothing is to be waited for: a plan that begins with rest would be made for ever.
         while is_stuck and registers[PLAN_AGE] < registers[PLAN_LENGTH]:

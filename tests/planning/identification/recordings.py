@@ -1,7 +1,5 @@
 """Logs of the paper's plant and its like, for tests."""
 
-import math
-
 import numpy as np
 
 from app.evaluation.logs import Recording, draw_machine, record
@@ -10,6 +8,7 @@ from app.planning.identification.log import Log
 from app.planning.identification.log_checks import checked_log
 from app.planning.plant.rollout import rollout
 from app.planning.plant.system import ByDirection, System
+from tests.planning.between_samples import moved
 
 
 def log_of(system: System, controls: FloatArray, noise: float = 0.0, delay_steps: int = 0) -> Log:
@@ -40,29 +39,11 @@ def truth(system: System, name: str) -> float:
     return float(getattr(value, way or "forward") if isinstance(value, ByDirection) else value)
 
 
-SUBSTEPS = 200
-
-
 def positions_between_samples(system: System, controls: FloatArray) -> FloatArray:
-    """Where a mass of equal frictions both ways is at each sample (N+1,), m, by Newton's law.
-
-    It moves on between the samples, under a control that is held, as a machine does and the plant
-    does not: the velocity of a step is the mean of those before and after.
-    """
-    plant, step = system.plant, system.time_step / SUBSTEPS
-    position = velocity = 0.0
-    positions = [position]
+    """Where a mass that moves on between its samples is at each of them (N+1,), m."""
+    state = 0.0, 0.0
+    positions = [0.0]
     for control in controls.tolist():
-        force = plant.control_gain * control + plant.bias
-        for _ in range(SUBSTEPS):
-            if velocity == 0.0 and abs(force) <= plant.static_forward:
-                break
-            way = velocity if velocity != 0.0 else force
-            friction = math.copysign(plant.coulomb_forward, way)
-            after = velocity + step * (force - friction - plant.damping_forward * velocity)
-            if after * way <= 0.0:
-                after = 0.0
-            position += 0.5 * step * (velocity + after)
-            velocity = after
-        positions.append(position)
+        state = moved(*state, control, system)
+        positions.append(state[0])
     return np.array(positions)

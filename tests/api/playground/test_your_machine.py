@@ -11,9 +11,12 @@ from playwright.sync_api import Browser, expect
 
 from app.cli import log_columns, log_file
 from app.failure import Failure
+from app.planning.identification.excitation import excitation
+from app.planning.plant.system import System
 from app.wire.identification import EXAMPLE_CONTROLS, EXAMPLE_POSITIONS
 from tests.api.playground.conftest import Open
 from tests.browser import Visit, needs_chromium
+from tests.planning.identification.recordings import positions_between_samples
 
 pytestmark = needs_chromium
 
@@ -178,6 +181,22 @@ def test_a_machine_is_identified_and_planned_with(
     again.is_quiet()
     shown.page.go_back()
     shown.says("Identified from 76 samples")
+    shown.is_quiet()
+
+
+def test_a_machine_that_moves_between_its_samples_is_said_to(visit: Open, tmp_path: Path) -> None:
+    axis = System(1.28, 1.02, 0.4, control_gain=0.45, control_limit=8.0, time_step=0.02)
+    controls = excitation(axis)
+    positions = positions_between_samples(axis, controls)
+    times = [axis.time_step * k for k in range(len(controls))]
+    file = tmp_path / "axis.csv"
+    file.write_text(text_of("time,u,position", times, controls.tolist(), positions[:-1].tolist()))
+    shown = visit(LOG)
+
+    shown.page.get_by_label("CSV file").set_input_files(file)
+
+    shown.says("Identified from")
+    expect(shown.page.locator(".verdict")).to_contain_text("a position_lag of 0.01 s")
     shown.is_quiet()
 
 

@@ -38,8 +38,9 @@ export class Findings {
     this.answer = answer;
     const { fit } = answer;
     const late = answer.delay_steps ? ` Its controls act ${answer.delay_steps} ${answer.delay_steps === 1 ? "step" : "steps"} late.` : "";
+    const lag = answer.position_lag ? ` It moves on between its samples, as machines do: tell a controller's observer of a position_lag of ${short(answer.position_lag, 3)} s.` : "";
     const untold = answer.parameters.some((one) => !one.identifiable) ? " The log does not tell all of it: the table says what, and why." : "";
-    this.words.textContent = `This plant predicts the position ${short(fit.window_s, 2)} s ahead to ${distance(fit.end_error_rms, this.unit)} (r.m.s.), which explains ${explained(fit.r2)} % of the motion.${late}${untold}`;
+    this.words.textContent = `This plant predicts the position ${short(fit.window_s, 2)} s ahead to ${distance(fit.end_error_rms, this.unit)} (r.m.s.), which explains ${explained(fit.r2)} % of the motion.${late}${lag}${untold}`;
     this.notes.replaceChildren(...[
       ["Assumed", notes], ["Warnings", answer.warnings], ["Record next", answer.advice.map(plain)],
     ].filter(([, items]) => items.length).map(([what, items]) => list(what, items)));

@@ -33,8 +33,9 @@ export function columnsOf(text) {
  */
 export function readLog(columns, chosen = {}, timeStep = undefined) {
   const found = Object.fromEntries(Object.keys(ROLES).map((role) => [role, find(role, columns, chosen[role])]));
+  const thereAre = `there are ${Object.keys(columns).join(", ")}`;
   for (const role of ["control", "position"]) {
-    if (!found[role]) throw new LogProblem(role, `no column is a ${role}; there are ${Object.keys(columns).join(", ")}; choose one`);
+    if (!found[role]) throw new LogProblem(role, `no column is a ${role}; ${thereAre}; choose one`);
   }
   const notes = Object.entries(found)
     .filter(([role, column]) => column && role !== "control" && !column.isStated)
@@ -42,7 +43,7 @@ export function readLog(columns, chosen = {}, timeStep = undefined) {
   let series = Object.fromEntries(Object.entries(found).filter(([role, column]) => column && role !== "time").map(([role, column]) => [role, column.values]));
   let step = timeStep;
   if (step === undefined) {
-    if (!found.time) throw new LogProblem("time", "no column has times; choose one, or give the time step");
+    if (!found.time) throw new LogProblem("time", `no column has times; ${thereAre}; choose one, or give the time step`);
     const even = atEvenTimes(found.time.values, series);
     ({ step, series } = even);
     if (even.note) notes.push(even.note);

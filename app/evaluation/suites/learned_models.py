@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from app.evaluation import grid, plots
 from app.evaluation.answer_log import Answer
@@ -198,6 +199,10 @@ def _picture(data: pd.DataFrame, size: Size) -> Picture:
             xscale="log",
             yscale="log",
         )
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
     panels[0].set_ylabel("mean executed error (m)")
     return plots.with_legend(
         figure,

@@ -105,7 +105,31 @@ def _few(pieces: Pieces) -> tuple[Pieces, float]:
             join(fewer, Piece(pieces.uppers[i], pieces.lowers[i]), gap)
         pieces = fewer
         filled, gap = gap, 10.0 * gap
+    if len(pieces.uppers) > _MAX_PIECES:
+        # Velocities so near to each other that no two pieces share any: one box holds them all.
+        return _box(pieces)
     return pieces, filled
+
+
+@compiled
+def _box(pieces: Pieces) -> tuple[Pieces, float]:
+    """Return the piece of all positions and velocities between those of `pieces`.
+
+    Also returns twice how far a state of it may be from theirs, about: its extent.
+    """
+    slowest, fastest, low, high = math.inf, -math.inf, math.inf, -math.inf
+    for i in range(len(pieces.uppers)):
+        line = pieces.uppers[i]
+        lowest, highest = extent(Piece(line, pieces.lowers[i]))
+        slowest, fastest = min(slowest, line[0, 0]), max(fastest, line[-1, 0])
+        low, high = min(low, lowest), max(high, highest)
+    upper, lower = np.empty((2, 2)), np.empty((2, 2))
+    upper[0, 0], upper[1, 0] = slowest, fastest
+    lower[0, 0], lower[1, 0] = slowest, fastest
+    upper[:, 1], lower[:, 1] = high, -low
+    box = no_pieces()
+    add(box, Piece(upper, lower))
+    return box, 2.0 * (high - low + fastest - slowest)
 
 
 @compiled

@@ -395,3 +395,13 @@ def test_thousands_of_rollouts_end_where_the_floor_is_zero() -> None:
         controls = random_controls(rng, system, 4, horizon)
         for states in rollout(system, start, controls):
             assert floor_of(system, start, states[-1], horizon).reachable
+
+
+def test_velocities_that_hardly_differ_take_no_longer() -> None:
+    """Pieces that share no velocities are not joined: there came to be ever more of them."""
+    hardly = System(0.0, 0.0, control_gain=1e-6, time_step=1e-6)
+
+    bound = reachability(Problem(np.zeros(2), np.array([0.2, 0.0]), hardly, 64))
+
+    assert bound.floor == pytest.approx(0.2)
+    assert bound.floor_error < 1e-6

@@ -91,6 +91,7 @@ class Fit:
     def starts(self, found: list[Guess], log: Log) -> FloatArray:
         """Return points (N, d) to start from, of guesses by least squares."""
         scale = self.space.scale
+        position_noise, velocity_noise = log.position_noise, log.velocity_noise
         points = []
         for guess in found:
             coulomb = max(guess.coulomb_friction, 0.02 * scale.acceleration)
@@ -101,8 +102,8 @@ class Fit:
                     GAIN: guess.control_gain,
                     BIAS: bias,
                     NOISES[0]: FIRST_NOISE * scale.acceleration,
-                    NOISES[1]: 1.01 * log.position_noise,
-                    NOISES[2]: 1.01 * (log.velocity_noise or 1.0),
+                    NOISES[1]: 1.01 * position_noise,
+                    NOISES[2]: 1.01 * (velocity_noise or 1.0),
                 }
                 # Where it may not be a bias, it is a friction that differs by direction.
                 shift = 0.0 if self.space.fixed_bias is None else bias

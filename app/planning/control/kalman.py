@@ -165,11 +165,15 @@ def _correct(
     mean, covariance, registers = memory.mean, memory.covariance, memory.registers
     lag = settings.position_lag
     is_known = not math.isnan(velocity)
-    is_push = _is_unexpected(POSITION, lag, position, settings.position_variance, mean, covariance)
+    off, expected, _ = _innovation(
+        POSITION, lag, position, settings.position_variance, mean, covariance
+    )
+    is_push = off**2 > GATE * GATE * expected
     if is_known:
-        is_push = is_push or _is_unexpected(
+        off, expected, _ = _innovation(
             VELOCITY, 0.0, velocity, settings.velocity_variance, mean, covariance
         )
+        is_push = is_push or off**2 > GATE * GATE * expected
     if is_push:
         registers[FROZEN] = FROZEN_STEPS
         registers[PUSHED] += 1.0
@@ -209,19 +213,21 @@ def _let_push(speed: float, time_step: float, covariance: FloatArray) -> None:
 
 
 @compiled
-def _is_unexpected(
+def _innovation(
     index: int,
     lag: float,
     measured: float,
     variance: float,
     mean: FloatArray,
     covariance: FloatArray,
-) -> bool:
-    """Return whether a number measured `lag` ago is farther off than its gate."""
+) -> tuple[float, float, FloatArray]:
+    """Return what a number measured `lag` ago is off by, the variance of that, and its covariances.
+
+    These are with all that is estimated, before the measurement.
+    """
     row = covariance[index] - lag * covariance[VELOCITY]
-    expected = row[index] - lag * row[VELOCITY] + variance
-    residual = measured - (mean[index] - lag * mean[VELOCITY])
-    return bool(residual**2 > GATE * GATE * expected)
+    total = row[index] - lag * row[VELOCITY] + variance
+    return measured - (mean[index] - lag * mean[VELOCITY]), total, row
 
 
 @compiled
@@ -235,13 +241,11 @@ def _update(
     covariance: FloatArray,
 ) -> None:
     """Correct by one number measured `lag` ago, in Joseph's form: any gain may be taken."""
-    row = covariance[index] - lag * covariance[VELOCITY]
-    total = row[index] - lag * row[VELOCITY] + variance
+    residual, total, row = _innovation(index, lag, measured, variance, mean, covariance)
     gain = row / total
     if not learns:
         for i in range(GAIN, NUM_ESTIMATED):
             gain[i] = 0.0
-    residual = measured - (mean[index] - lag * mean[VELOCITY])
     for i in range(NUM_ESTIMATED):
         mean[i] += gain[i] * residual
     for i in range(NUM_ESTIMATED):
